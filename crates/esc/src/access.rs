@@ -1,13 +1,14 @@
 //! Which registers an ESC has, and who may write them.
 //!
-//! Tables of runs in the order of their addresses: a run that exists reads, reserved bytes in it read
-//! 0; bytes outside all runs answer to nobody. What depends on the state of the chip is a [`Gate`].
+//! Each table lists runs of registers in the order of their addresses. Every byte of a run can be
+//! read; its reserved bytes read 0. A byte outside all runs does not exist: no access to it
+//! succeeds. A [`Gate`] names what depends on the state of the chip.
 
 use isocat_wire::register::{CHIP_SPECIFIC, features};
 
 use crate::chip::{Chip, DcUnits, MiiManagement};
 
-/// Which units this ESC has, after its EEPROM was loaded.
+/// Which units this ESC has once its EEPROM is loaded.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Units {
     fmmu_end: u16,
@@ -19,15 +20,15 @@ pub(crate) struct Units {
     pub sync: bool,
     /// The latch unit.
     pub latch: bool,
-    /// The PDI writes the system time unit, not ECAT.
+    /// The PDI, not ECAT, writes the system time unit.
     time_by_pdi: bool,
-    /// Register 0x0936.
+    /// Register 0x0936 exists.
     latch_mode: bool,
     enhanced: bool,
     wide: bool,
-    /// Register 0x0108.
+    /// Register 0x0108 exists.
     pub physical_offset: bool,
-    /// Registers 0x0138, 0x0139.
+    /// Registers 0x0138 and 0x0139 exist.
     pub led_override: bool,
     mii_end: u16,
     specific_end: u16,
@@ -69,12 +70,13 @@ impl Units {
         self.system_time && !self.time_by_pdi
     }
 
-    /// Whether it writes all eight.
+    /// Whether ECAT writes all eight bytes of the system time.
     pub const fn takes_wide_time(&self) -> bool {
         self.takes_time() && self.wide
     }
 
-    /// The run that `address` lies in or that comes next: its end, and its gate if `address` is in it.
+    /// Finds the run that holds `address`, or else the next one. Returns the end of that run, and
+    /// its gate if `address` is in it.
     pub fn run(&self, table: &'static Table, address: u16) -> (u16, Option<Gate>) {
         let Table { runs: table, pages } = table;
         // A page of 256 registers has few runs, so the search begins at its first one.
@@ -109,8 +111,8 @@ impl Units {
     }
 }
 
-/// Runs in the order of their addresses, and for each page of 256 registers the first that ends in it or
-/// behind it.
+/// Runs in the order of their addresses. For each page of 256 registers the table also keeps the
+/// first run that ends in the page or behind it.
 pub(crate) struct Table {
     runs: &'static [Run],
     pages: [u8; 16],
@@ -131,7 +133,7 @@ impl Table {
         Self { runs, pages }
     }
 
-    /// The addresses of all runs, whatever the chip has.
+    /// The addresses of all runs, including those that a chip may lack.
     #[cfg(test)]
     pub fn addresses(&self) -> impl Iterator<Item = u16> {
         self.runs.iter().flat_map(|run| run.start..run.end)
@@ -146,7 +148,7 @@ pub(crate) struct Run {
     gate: Gate,
 }
 
-/// What must exist for a run to exist.
+/// The unit that must exist for a run to exist.
 #[derive(Clone, Copy)]
 enum Unit {
     Always,
@@ -169,30 +171,30 @@ enum Unit {
     Specific,
 }
 
-/// What a write depends on.
+/// The condition under which a write is accepted.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Gate {
-    /// Nothing.
+    /// No condition.
     Open,
-    /// AL control: the PDI has read the last request, or emulation.
+    /// AL control: the PDI has read the last request, or the ESC emulates the device.
     AlControl,
-    /// AL status: no emulation.
+    /// AL status: writable unless the ESC emulates the device.
     AlStatus,
-    /// The EEPROM interface: owner, and not busy.
+    /// The EEPROM interface: writable by its owner while it is not busy.
     Eeprom,
-    /// PDI takes or gives back the EEPROM.
+    /// The PDI takes or gives back the EEPROM.
     EepromTake,
-    /// A SyncManager's byte: configuration while disabled, activate, PDI control.
+    /// A byte of a SyncManager: its configuration while it is disabled, activate, or PDI control.
     SyncManager,
-    /// The owner of the SYNC unit.
+    /// Writable by the owner of the SYNC unit.
     SyncOwner,
-    /// The owner of the SYNC unit, while it is inactive.
+    /// Writable by the owner of the SYNC unit while the unit is inactive.
     SyncStart,
-    /// The owner of the latch unit.
+    /// Writable by the owner of the latch unit.
     Latch,
-    /// MII management: owner, and not busy.
+    /// MII management: writable by its owner while it is not busy.
     Mii,
-    /// ECAT takes MII management for itself, or takes it back.
+    /// ECAT takes MII management, or takes it back from the PDI.
     MiiTake,
 }
 
@@ -200,7 +202,7 @@ const fn run(start: u16, end: u16, unit: Unit, gate: Gate) -> Run {
     Run { start, end, unit, gate }
 }
 
-/// What both sides can read.
+/// The registers that both sides can read.
 pub(crate) static READABLE: Table = Table::new(&[
     run(0x0000, 0x0014, Unit::Always, Gate::Open),
     run(0x0020, 0x0022, Unit::Always, Gate::Open),
@@ -244,7 +246,7 @@ pub(crate) static READABLE: Table = Table::new(&[
     run(0x0F80, 0x1000, Unit::Always, Gate::Open),
 ]);
 
-/// What ECAT can write.
+/// The registers that ECAT can write.
 pub(crate) static ECAT_WRITABLE: Table = Table::new(&[
     run(0x0010, 0x0012, Unit::Always, Gate::Open),
     run(0x0020, 0x0022, Unit::Always, Gate::Open),
@@ -288,7 +290,7 @@ pub(crate) static ECAT_WRITABLE: Table = Table::new(&[
     run(0x0F80, 0x1000, Unit::Always, Gate::Open),
 ]);
 
-/// What the PDI can write.
+/// The registers that the PDI can write.
 pub(crate) static PDI_WRITABLE: Table = Table::new(&[
     run(0x0012, 0x0014, Unit::Always, Gate::Open),
     run(0x0041, 0x0042, Unit::Always, Gate::Open),
@@ -339,7 +341,7 @@ mod tests {
         assert_eq!(units.run(&READABLE, 0x062F), (0x0630, Some(Gate::Open)));
         assert_eq!(units.run(&READABLE, 0x0630), (0x0700, None));
         assert_eq!(units.run(&READABLE, 0x0820), (0x0880, None));
-        // DC units switched off: receive times remain.
+        // With the DC units switched off the receive times remain.
         assert_eq!(units.run(&READABLE, 0x0900), (0x0910, Some(Gate::Open)));
         assert_eq!(units.run(&READABLE, 0x0910), (0x0936, None));
         assert!(Units::new(&ET1200, 0x08).run(&READABLE, 0x0910).1.is_some());
@@ -352,7 +354,7 @@ mod tests {
         assert!(narrow.run(&READABLE, 0x0914).1.is_some());
         assert!(narrow.run(&ECAT_WRITABLE, 0x0914).1.is_none());
         assert_eq!(narrow.run(&READABLE, 0x0FFF), (0x1000, Some(Gate::Open)));
-        // Registers of the chip's own, as many as it has.
+        // The chip-specific registers reach as far as the chip's own values do.
         assert_eq!(narrow.run(&READABLE, 0x0E00), (0x0E10, Some(Gate::Open)));
         assert_eq!(narrow.run(&READABLE, 0x0E10), (0x0F00, None));
         assert_eq!(units.run(&READABLE, 0x0E01), (0x0F00, None));

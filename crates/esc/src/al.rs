@@ -12,7 +12,7 @@ use crate::memory::Registers;
 pub(crate) struct Al {
     /// Device emulation: AL control is copied to AL status.
     emulation: bool,
-    /// A request waits for the PDI.
+    /// A request waits until the PDI reads it.
     requested: bool,
     /// AL status changed and ECAT has not read it since.
     status_changed: bool,
@@ -21,12 +21,12 @@ pub(crate) struct Al {
 }
 
 impl Al {
-    /// Nothing requested.
+    /// The state after reset: no request is pending.
     pub const fn new() -> Self {
         Self { emulation: false, requested: false, status_changed: false, watchdog: false }
     }
 
-    /// INIT, asked for and reached.
+    /// Sets both registers to INIT.
     pub fn reset_registers(&self, registers: &mut Registers) {
         registers.store(register::AL_CONTROL, AlControl::request(AlState::Init));
         registers.store(register::AL_STATUS, AlStatus::new(AlState::Init));
@@ -37,12 +37,12 @@ impl Al {
         self.emulation = registers.load(register::ESC_CONFIGURATION) & 1 != 0;
     }
 
-    /// Whether the ESC answers AL control itself: there is no CPU.
+    /// Whether the ESC answers AL control itself, because the device has no CPU.
     pub const fn is_emulated(&self) -> bool {
         self.emulation
     }
 
-    /// Whether ECAT may write AL control: one request at a time.
+    /// Whether ECAT may write AL control. Only one request may be pending at a time.
     pub const fn may_request(&self) -> bool {
         self.emulation || !self.requested
     }
@@ -52,7 +52,7 @@ impl Al {
         !self.emulation
     }
 
-    /// AL control was written, even if with the same value.
+    /// Handles a write to AL control, even one with the same value.
     pub fn request(&mut self, registers: &mut Registers) {
         if self.emulation {
             let AlControl(control) = registers.load(register::AL_CONTROL);
@@ -65,34 +65,35 @@ impl Al {
         }
     }
 
-    /// The PDI has read AL control.
+    /// Handles a read of AL control by the PDI.
     pub fn acknowledge_request(&mut self) {
         self.requested = false;
     }
 
-    /// The PDI has written AL status, which was `before`.
+    /// Handles a write of AL status by the PDI; its value was `before`.
     pub fn change_status(&mut self, before: AlStatus, registers: &mut Registers) {
         self.status_changed = true;
         led::state_changed(before, registers.load(register::AL_STATUS), registers);
     }
 
-    /// ECAT has read AL status.
+    /// Handles a read of AL status by ECAT.
     pub fn acknowledge_status(&mut self) {
         self.status_changed = false;
     }
 
-    /// The process data watchdog expired, or the PDI has seen it.
+    /// Sets the event when the process data watchdog expires, and clears it when the PDI has seen
+    /// it.
     pub fn set_watchdog_event(&mut self, expired: bool) {
         self.watchdog = expired;
     }
 
-    /// Its bits of the AL event request.
+    /// The bits of the AL event request (0x0220) that come from here.
     pub fn events(&self) -> u32 {
         let bit = |set: bool, bit: u32| if set { bit } else { 0 };
         bit(self.requested, al_event::AL_CONTROL) | bit(self.watchdog, al_event::WATCHDOG)
     }
 
-    /// Its bits of the ECAT event request.
+    /// The bits of the ECAT event request (0x0210) that come from here.
     pub fn ecat_events(&self) -> u16 {
         if self.status_changed { ECAT_AL_STATUS } else { 0 }
     }

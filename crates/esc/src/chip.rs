@@ -24,56 +24,59 @@ pub struct Chip {
     pub sm_count: u8,
     /// Register 0x0006: process RAM from 0x1000, KiB.
     pub ram_kib: u8,
-    /// Register 0x0007: two bits a port, see [`Chip::port`].
+    /// Register 0x0007: two bits for each port, see [`Chip::port`].
     pub port_descriptor: u8,
     /// Register 0x0008, see [`isocat_wire::register::features`].
     pub features: u16,
-    /// Which DC units exist beside the receive times.
+    /// Which DC units exist in addition to the receive times.
     pub dc_units: DcUnits,
-    /// Register 0x0936 exists: receive times of ports 1-3 can be latched for frames that enter there.
+    /// Register 0x0936 exists: receive times of ports 1-3 can be latched for frames that enter
+    /// there.
     pub receive_time_latch_mode: bool,
-    /// A write to 0x0900 enables ports 1-3 to stamp the next frame that arrives there, whatever is
-    /// in it (ESC20 and ET1200). So frames that are still behind the port spoil the receive times;
-    /// other chips stamp the frame that wrote, wherever others are. Reverse mode (0x0936) is not
-    /// concerned.
+    /// A write to 0x0900 enables ports 1-3 to stamp the next frame that arrives there, whatever
+    /// that frame contains (ESC20 and ET1200). Frames that are still behind the port therefore
+    /// spoil the receive times. Other chips stamp the frame that wrote, even if other frames arrive
+    /// first. Reverse mode (0x0936) is not affected.
     pub stamps_next_frame: bool,
     /// The PDI and not ECAT writes the system time unit (0x0910-0x0935): an option of the IP core
     /// for devices that bridge two segments. What the PDI writes to 0x0910-0x0913 is compared with
     /// the last positive edge of LATCH0 (0x09B0) when byte 0x0913 is written.
     pub system_time_by_pdi: bool,
-    /// Which read by the PDI clears bit 4 of the AL event request, register 0x0220. Setting: no
-    /// text decides it.
+    /// Which read by the PDI clears bit 4 of the AL event request, register 0x0220. This is a
+    /// setting, because no register text decides it.
     pub activation_event: ActivationEvent,
     /// Reset value of DL control, register 0x0100.
     pub dl_control: u32,
-    /// Bytes that one EEPROM read gives, 4 or 8.
+    /// Number of bytes that one EEPROM read gives, 4 or 8.
     pub eeprom_read_len: u8,
     /// Reserved bits of register 0x0502 that read 1 from power-on until SAFEOP is first reached,
-    /// then 0. Captured on the ET1200: the bit survives that the EEPROM is offered to the PDI and
-    /// taken back, and it was gone after a SyncManager and a FMMU were set up and SAFEOP was
-    /// reached. Which of these clears it is not known.
+    /// then
+    /// 0. Captured on the ET1200: the bit stayed set when the EEPROM was offered to the PDI and
+    ///    taken back. It was clear after a SyncManager and an FMMU were set up and SAFEOP was
+    ///    reached. Which of these steps clears it is not known.
     pub eeprom_status_reserved: u16,
-    /// How long an EEPROM read keeps the interface busy. Setting: short, so that bring-up in virtual
-    /// time is not all EEPROM; a real I2C read of 8 bytes at 100 kHz takes about 1 ms.
+    /// How long an EEPROM read keeps the interface busy. The value is set short, so that the EEPROM
+    /// does not dominate bring-up in virtual time; a real I2C read of 8 bytes at 100 kHz takes
+    /// about 1 ms.
     pub eeprom_read_time: Nanos,
-    /// How long an EEPROM write keeps the interface busy. Setting: the transfer on the I2C bus.
+    /// How long an EEPROM write keeps the interface busy. The value is the transfer on the I2C bus.
     pub eeprom_write_time: Nanos,
-    /// How long the EEPROM then burns and acknowledges no command (0x0502 bit 13). Setting: the
-    /// longest time that the usual parts state, 5 ms. Parts in use were captured with 2.1 to 2.7
-    /// ms.
+    /// How long the EEPROM burns after a write; meanwhile it acknowledges no command (0x0502 bit
+    /// 13). The value is the longest time that the usual parts state, 5 ms. Parts in use were
+    /// captured with 2.1 to 2.7 ms.
     pub eeprom_burn_time: Nanos,
-    /// The PDI emulates the EEPROM: commands go to it by AL event bit 5, a read gives four bytes. What
-    /// the image holds is then no more than the configuration that the core was generated with.
+    /// The PDI emulates the EEPROM: it gets the commands by AL event bit 5, and a read gives four
+    /// bytes. The image then holds only the configuration that the core was generated with.
     pub eeprom_emulated: bool,
-    /// SyncManager status bits 6 and 7 say that a buffer is in use. The captured ET1100 has not got
-    /// them.
+    /// SyncManager status bits 6 and 7 say that a buffer is in use. The captured ET1100 does not
+    /// have these bits.
     pub sm_buffer_in_use: bool,
     /// Register 0x0108, the offset between the read and the write address of a read-write command.
     pub physical_offset: bool,
     /// Registers 0x0138 and 0x0139, which override the RUN and ERR LEDs.
     pub led_override: bool,
-    /// Register 0x014E bit 0: what reading acknowledges elsewhere, the PDI acknowledges by writing. A
-    /// choice of whoever generates a core or configures the PDI.
+    /// Register 0x014E bit 0: the PDI acknowledges by a write what it acknowledges by a read
+    /// elsewhere. This is chosen when a core is generated or the PDI is configured.
     pub acknowledge_by_write: bool,
     /// How the drift loop turns time differences into a speed. No maker publishes it.
     pub drift_law: DriftLaw,
@@ -81,24 +84,27 @@ pub struct Chip {
     pub difference_polarity: DifferencePolarity,
     /// MII management.
     pub mii: MiiManagement,
-    /// What the registers from 0x0E00 on hold, 256 bytes at most: on an ASIC the values of its
-    /// configuration pins (all low unless a board says otherwise), on a core product and vendor number.
+    /// The contents of the registers from 0x0E00 on, 256 bytes at most. An ASIC shows the values of
+    /// its configuration pins there (all low unless a board says otherwise), a core its product and
+    /// vendor number.
     pub chip_specific: &'static [u8],
-    /// From a port's receive stamp through the EPU to the transmitter of the next port, without PHYs.
+    /// Delay from a port's receive stamp through the EPU to the transmitter of the next port,
+    /// without PHYs.
     pub processing_delay: Picos,
-    /// From a port's receive stamp to the transmitter of the next port, past the EPU, without PHYs.
+    /// Delay from a port's receive stamp to the transmitter of the next port, past the EPU, without
+    /// PHYs.
     pub forwarding_delay: Picos,
-    /// Through the PHY of an MII port, one way (receive or transmit). EBUS ports have none.
+    /// Delay through the PHY of an MII port, one way (receive or transmit). EBUS ports have none.
     pub phy_delay: Picos,
-    /// The receive FIFOs: how much a frame's time varies from hop to hop.
+    /// The receive FIFOs: they decide how much the delay of a frame varies at each hop.
     pub rx_fifo: RxFifo,
 }
 
-/// Whether the system time, SYNC and latch units exist.
+/// Which of the system time, SYNC and latch units exist.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum DcUnits {
-    /// As SII word 0 says: bit 10 (0x0141 bit 2) switches SYNC, bit 11 (0x0141 bit 3) latch; without
-    /// either there is no system time.
+    /// SII word 0 decides: bit 10 (0x0141 bit 2) switches the SYNC unit on, bit 11 (0x0141 bit 3)
+    /// the latch unit. Without either of them there is no system time unit.
     ByEeprom,
     /// All units exist whatever the EEPROM says.
     Always,
@@ -117,7 +123,7 @@ pub enum ActivationEvent {
 /// The registers of MII management that exist.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum MiiManagement {
-    /// None: no PHYs, or nobody talks to them.
+    /// No MII management: the chip has no PHYs, or no side can access them.
     None,
     /// 0x0510-0x0515: ECAT alone talks to the PHYs.
     Ecat,
@@ -139,9 +145,9 @@ pub enum PortKind {
 }
 
 impl Chip {
-    /// The same chip on a board that uses other ports: register 0x0007, and the reset value of DL
-    /// control (0x0100, two bits a port from bit 8), which keeps the loop of a port that is not
-    /// there closed.
+    /// The same chip on a board that uses other ports. This changes register 0x0007 and the reset
+    /// value of DL control (0x0100, two bits for each port from bit 8), which keeps the loop of an
+    /// absent port closed.
     pub const fn with_ports(self, port_descriptor: u8) -> Self {
         let mut closed = 0;
         let mut port = 0;
@@ -154,7 +160,8 @@ impl Chip {
         Self { port_descriptor, dl_control: self.dl_control & !0xFF00 | closed, ..self }
     }
 
-    /// Whether its ports can be EBUS: those of the ASICs only. Cores and chips around one have MII.
+    /// Whether its ports can be EBUS. Only the ASICs have EBUS; cores and chips built around a core
+    /// have MII.
     pub const fn can_have_ebus(&self) -> bool {
         matches!(self.kind, ET1100_KIND | ET1200_KIND)
     }
@@ -187,14 +194,14 @@ impl Chip {
         self.features & feature != 0
     }
 
-    /// Whether DC counts 64 bits; else 32.
+    /// Whether DC counts 64 bits; otherwise it counts 32.
     pub const fn counts_64_bit(&self) -> bool {
         self.has(features::DC_64_BIT)
     }
 }
 
 /// Beckhoff ET1100: 8 FMMUs, 8 SyncManagers, 8 KiB, DC with 64 bits, without the enhanced SYNC
-/// activation. Ports as on a bus coupler: MII, EBUS, MII.
+/// activation. Its ports are those of a bus coupler: MII, EBUS, MII.
 pub static ET1100: Chip = ET1100_BASE;
 
 const ET1100_BASE: Chip = Chip {
@@ -217,7 +224,7 @@ const ET1100_BASE: Chip = Chip {
     ..COMMON
 };
 
-/// An ET1100 as in a drive: ports 0 and 1 are MII, there are no others.
+/// An ET1100 as in a drive: ports 0 and 1 are MII, and there are no others.
 pub static ET1100_MII: Chip = Chip {
     name: "ET1100, two MII ports",
     port_descriptor: 0x0F,
@@ -271,8 +278,9 @@ pub(crate) const IP_CORE_BASE: Chip = Chip {
     ..CORE
 };
 
-/// Microchip LAN9252: 3 FMMUs, 4 SyncManagers, 4 KiB, two ports with built-in PHYs. Its build number
-/// and its EEPROM read width are not confirmed by a capture; both follow the IP core it contains.
+/// Microchip LAN9252: 3 FMMUs, 4 SyncManagers, 4 KiB, two ports with built-in PHYs. Its build
+/// number and its EEPROM read width are not confirmed by a capture; both follow the IP core it
+/// contains.
 pub static LAN9252: Chip = Chip {
     name: "LAN9252",
     kind: 0xC0,
@@ -290,8 +298,8 @@ pub static LAN9252: Chip = Chip {
     ..CORE
 };
 
-/// Infineon XMC4800: 8 FMMUs, 8 SyncManagers, 8 KiB, two MII ports. On the chip the CPU emulates the
-/// EEPROM; here it is a plain one.
+/// Infineon XMC4800: 8 FMMUs, 8 SyncManagers, 8 KiB, two MII ports. On the real chip the CPU
+/// emulates the EEPROM; this profile has a plain EEPROM.
 pub static XMC4800: Chip = Chip {
     name: "XMC4800",
     kind: 0x98,
@@ -309,8 +317,8 @@ pub static XMC4800: Chip = Chip {
     ..CORE
 };
 
-/// What chips around an IP core have beside the ASICs' registers. Which of the options a vendor chose is
-/// not published everywhere; a profile may say otherwise.
+/// Registers that chips around an IP core have in addition to those of the ASICs. Not every vendor
+/// publishes which of the options it chose; a profile may say otherwise.
 const CORE: Chip = Chip {
     physical_offset: true,
     led_override: true,
@@ -319,11 +327,12 @@ const CORE: Chip = Chip {
     ..COMMON
 };
 
-/// What the profiles share, mostly because nobody publishes it per chip.
+/// Values that all profiles share, mostly because no data sheet gives them for each chip.
 ///
-/// The delays come from two captures. EBUS, three devices: the first sees a loop of 600 ns, the second
-/// one of 310 ns, so two processing passes take 310 ns and one processing plus one forwarding pass
-/// 290 ns. Two LAN9252: a loop of 1440 ns, two processing passes and four passes of a PHY.
+/// The delays come from two captures. EBUS, three devices: the first sees a loop of 600 ns, the
+/// second one of 310 ns, so two processing passes take 310 ns and one processing plus one
+/// forwarding pass 290 ns. Two LAN9252: a loop of 1440 ns, two processing passes and four passes of
+/// a PHY.
 const COMMON: Chip = Chip {
     name: "",
     kind: 0,
@@ -375,7 +384,7 @@ mod tests {
         assert!(!ET1200.has_port(PortNumber::P3));
     }
 
-    /// 0x0007 and the reset value of 0x0100 agree, as in the captured chips.
+    /// Register 0x0007 and the reset value of 0x0100 agree, as in the captured chips.
     #[test]
     fn other_ports_have_their_own_loops() {
         for chip in [ET1100, ET1100_MII, ET1200, LAN9252] {
@@ -390,13 +399,13 @@ mod tests {
         assert_eq!([ET1100, LAN9252].map(|chip| chip.can_have_ebus()), [true, false]);
     }
 
-    /// The captures that the delays come from, put together again.
+    /// The delays add up to the captured loops that they come from.
     #[test]
     fn delays_give_the_captured_loops() {
         let (process, forward) = (COMMON.processing_delay.0, COMMON.forwarding_delay.0);
         assert_eq!(2 * process, 310_000);
         assert_eq!(3 * process + forward, 600_000);
-        // Cables of about 1 m make up the last 10 ns of 1440.
+        // Cables of about 1 m explain the remaining 10 ns of 1440.
         assert_eq!(2 * process + 4 * COMMON.phy_delay.0, 1_430_000);
     }
 }

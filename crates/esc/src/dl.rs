@@ -13,12 +13,12 @@ use crate::memory::Registers;
 pub(crate) struct Ports {
     link: [bool; 4],
     closed: [bool; 4],
-    /// Loop bits (0x0101) to go back to after a temporary setting, and when.
+    /// Loop bits (0x0101) to restore after a temporary setting, and when.
     revert: Option<(u8, Time<Device>)>,
 }
 
 impl Ports {
-    /// No link anywhere.
+    /// The state at power-on: no port has a link.
     pub const fn new() -> Self {
         Self { link: [false; 4], closed: [true; 4], revert: None }
     }
@@ -36,14 +36,14 @@ impl Ports {
         self.link
     }
 
-    /// Whether a loop that closed by itself waits for a good frame to open again.
+    /// Whether a loop that closed by itself waits for a good frame before it opens.
     pub fn waits_for_frame(&self, port: PortNumber, registers: &Registers) -> bool {
         let p = port.index();
         self.link[p] && self.closed[p] && self.mode(p, registers) == AUTO_CLOSE
     }
 
-    /// Sets loops and DL status after a change of links or of DL control. `reopen`: the ports whose
-    /// loops may open again after they closed by themselves, a bit each. Returns whether DL status has
+    /// Sets loops and DL status after a change of links or of DL control. `reopen` has one bit for
+    /// each port whose loop may open again after it closed by itself. Returns whether DL status
     /// changed.
     pub fn update(&mut self, chip: &Chip, registers: &mut Registers, reopen: u8) -> bool {
         let before = registers.load(register::DL_STATUS);
@@ -64,7 +64,8 @@ impl Ports {
         status != before
     }
 
-    /// DL control was written; `before` is byte 0x0101 before that. A temporary setting is noted.
+    /// Handles a write to DL control; `before` is the old byte 0x0101, kept for a temporary
+    /// setting.
     pub fn control(&mut self, before: u8, now: Time<Device>, registers: &Registers) {
         let temporary = registers.load(register::DL_CONTROL) & TEMPORARY != 0;
         self.revert = match (temporary, self.revert) {
@@ -79,7 +80,7 @@ impl Ports {
         self.revert.map_or(Time::NEVER, |(_, due)| due)
     }
 
-    /// A temporary setting ends.
+    /// Ends a temporary setting.
     pub fn end_temporary(&mut self, registers: &mut Registers) {
         if let Some((loops, _)) = self.revert.take() {
             let control = registers.load(register::DL_CONTROL) & !TEMPORARY;
@@ -89,7 +90,7 @@ impl Ports {
     }
 
     /// Whether the loop at port 0 closed by itself while another port is open, so that circulating
-    /// frames must be stopped. With all ports closed, port 0 counts as open.
+    /// frames must be stopped. If all ports are closed, port 0 counts as open.
     pub fn stops_circulating(&self, registers: &Registers) -> bool {
         self.closed[0]
             && self.closed != [true; 4]
@@ -101,16 +102,16 @@ impl Ports {
     }
 }
 
-/// The bits of DL status that are not about a port.
+/// Sets or clears a bit of DL status that does not belong to a port.
 pub(crate) fn set_status(registers: &mut Registers, bit: u16, set: bool) {
     let DlStatus(status) = registers.load(register::DL_STATUS);
     let status = if set { status | bit } else { status & !bit };
     registers.store(register::DL_STATUS, DlStatus(status));
 }
 
-/// The loops of all ports may open again: their settings were written.
+/// The loops of all ports may open again, because their settings were written.
 pub(crate) const ALL_PORTS: u8 = 0x0F;
-/// Loop settings, two bits a port in 0x0101.
+/// Loop settings; 0x0101 has two bits for each port.
 const AUTO: u8 = 0;
 const AUTO_CLOSE: u8 = 1;
 const OPEN: u8 = 2;

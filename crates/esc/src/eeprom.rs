@@ -1,4 +1,4 @@
-//! The EEPROM interface (0x0500-0x050F) and what the ESC loads from the EEPROM by itself.
+//! The EEPROM interface (0x0500-0x050F), and what the ESC itself loads from the EEPROM.
 
 use isocat_wire::eeprom::EepromStatus;
 use isocat_wire::register::{self, al_event};
@@ -21,9 +21,9 @@ pub(crate) struct Eeprom {
     fixed: u16,
     /// Reserved status bits that read 1 until SAFEOP is first reached.
     until_safeop: u16,
-    /// Until when the memory burns what was written and acknowledges nothing.
+    /// The instant until which the memory burns and acknowledges nothing.
     burns: Time<Device>,
-    /// The PDI emulates it.
+    /// The PDI emulates the EEPROM.
     emulated: bool,
 }
 
@@ -44,7 +44,7 @@ impl Eeprom {
         Self { job: None, errors: 0, fixed, until_safeop, burns: Time::ZERO, emulated }
     }
 
-    /// AL status has changed; see [`Chip::eeprom_status_reserved`].
+    /// Handles a change of AL status; see [`Chip::eeprom_status_reserved`].
     pub fn note_state(&mut self, registers: &mut Registers) {
         let AlStatus(status) = registers.load(register::AL_STATUS);
         if self.until_safeop != 0 && status & SAFEOP_OR_OP != 0 {
@@ -53,8 +53,8 @@ impl Eeprom {
         }
     }
 
-    /// Whether `side` may write 0x0502-0x050F now. Who emulates the memory answers its commands, whoever
-    /// gave them.
+    /// Whether `side` may write 0x0502-0x050F now. A PDI that emulates the memory answers its
+    /// commands, whichever side gave them.
     pub fn may_write(&self, side: Side, registers: &Registers) -> bool {
         if self.is_waiting() {
             return side == Side::Pdi;
@@ -73,7 +73,7 @@ impl Eeprom {
         registers.load(register::EEPROM_CONFIGURATION) & 0b11 == 0b01
     }
 
-    /// A control word was written to 0x0502. ECAT has to enable each write; the PDI needs not.
+    /// Handles a control word written to 0x0502. ECAT must enable each write; the PDI need not.
     pub fn command(&mut self, side: Side, control: u16, now: Time<Device>, chip: &Chip) {
         self.errors &= !(EepromStatus::COMMAND_ERROR | EepromStatus::WRITE_ENABLE_ERROR);
         let command = control & EepromStatus::COMMAND;
@@ -95,8 +95,9 @@ impl Eeprom {
         self.job = Some((command, if self.emulated { Time::NEVER } else { now + time }));
     }
 
-    /// The PDI, which emulates the memory, answers the command under way with this control word: it
-    /// repeats the command and adds what went wrong. Another command is no answer.
+    /// Handles the PDI's answer to the command under way, where the PDI emulates the memory. The
+    /// control word repeats the command and adds the error bits. A different command is not an
+    /// answer.
     pub fn answer(&mut self, control: u16) {
         if self.job.is_some_and(|(command, _)| command == control & EepromStatus::COMMAND) {
             self.job = None;
@@ -104,12 +105,12 @@ impl Eeprom {
         }
     }
 
-    /// A command waits for the PDI, which emulates the memory.
+    /// Whether a command waits for the PDI, which emulates the memory.
     pub const fn is_waiting(&self) -> bool {
         self.emulated && self.job.is_some()
     }
 
-    /// Its bit of the AL event request.
+    /// The bit of the AL event request (0x0220) that comes from here.
     pub const fn al_events(&self) -> u32 {
         if self.is_waiting() { al_event::EEPROM } else { 0 }
     }
@@ -119,8 +120,8 @@ impl Eeprom {
         self.job.map_or(Time::NEVER, |(_, due)| due)
     }
 
-    /// The command under way is done. Returns whether the configuration area was loaded.
-    /// The image is borrowed for writing only where it is written: it may be shared.
+    /// Completes the command under way. Returns whether the configuration area was loaded. The
+    /// image is borrowed for writing only if it is written, because it may be shared.
     pub fn finish<I: AsRef<[u8]> + AsMut<[u8]>>(
         &mut self,
         image: &mut I,
@@ -139,7 +140,7 @@ impl Eeprom {
                 let mut data = registers.load(register::EEPROM_DATA).to_le_bytes();
                 let len = usize::from(chip.eeprom_read_len).min(data.len());
                 for (at, byte) in data[..len].iter_mut().enumerate() {
-                    // An erased cell, also beyond the end.
+                    // Cells beyond the end read as erased cells do.
                     let image = image.as_ref();
                     *byte = image.get(from.saturating_add(at)).copied().unwrap_or(0xFF);
                 }
@@ -157,15 +158,15 @@ impl Eeprom {
         false
     }
 
-    /// The command under way is done, but the memory has acknowledged nothing.
+    /// Ends the command under way without an acknowledge from the memory.
     pub fn get_no_acknowledge(&mut self) {
         if self.job.take().is_some() {
             self.errors |= EepromStatus::COMMAND_ERROR;
         }
     }
 
-    /// Loads the configuration area into 0x0140-0x0152 and 0x0982, if its checksum is right. The alias
-    /// and the link detection bits are the caller's: they are loaded at power-on only.
+    /// Loads the configuration area into 0x0140-0x0152 and 0x0982 if its checksum is right. The
+    /// caller loads the alias and the link detection bits, since that happens at power-on only.
     pub fn load(&mut self, image: &[u8], registers: &mut Registers) -> bool {
         self.errors |= EepromStatus::CHECKSUM_ERROR | EepromStatus::NOT_LOADED;
         let Some(area) = configuration(image) else { return false };
@@ -201,7 +202,7 @@ pub(crate) fn configuration(image: &[u8]) -> Option<&[u8; 14]> {
     (stored[0] == sii::checksum(area) || u16::from_le_bytes(stored) == CHECKSUM_OFF).then_some(area)
 }
 
-/// A checksum word that is never wrong, for development.
+/// A checksum word that is always accepted, for development.
 const CHECKSUM_OFF: u16 = 0x88A4;
 /// Bits of the states SAFEOP and OP in AL status.
 const SAFEOP_OR_OP: u16 = 0x000C;

@@ -34,23 +34,24 @@ use crate::watchdog::Watchdog;
 /// - power: [`power_on`](Self::power_on);
 /// - own events: [`next_event`](Self::next_event), [`step`](Self::step);
 /// - PDI side: [`pdi`](Self::pdi);
-/// - labels beside the bytes, for who watches: [`label_frame`](Self::label_frame),
+/// - labels of the bytes, for an observer: [`label_frame`](Self::label_frame),
 ///   [`label_pdi`](Self::label_pdi), [`label`](Self::label);
-/// - looking in from outside, without any side effect: [`register`](Self::register),
-///   [`dl_status`](Self::dl_status), [`local_time`](Self::local_time), [`system_time`](Self::system_time),
-///   [`first_reaching`](Self::first_reaching), [`registers`](Self::registers), [`ram`](Self::ram),
-///   [`interrupt`](Self::interrupt).
+/// - inspection from outside, without any side effect: [`register`](Self::register),
+///   [`dl_status`](Self::dl_status), [`local_time`](Self::local_time),
+///   [`system_time`](Self::system_time), [`first_reaching`](Self::first_reaching),
+///   [`registers`](Self::registers), [`ram`](Self::ram), [`interrupt`](Self::interrupt).
 ///
-/// **Time** is an argument everywhere and must not go back. Before anything is done at an instant,
-/// `step` has to be called with it until it returns `None`, so that what fell due before has happened.
+/// **Time** is an argument of each call and must not go back. Before any other call at an instant,
+/// call `step` with that instant until it returns `None`, so that all events due before it have
+/// been handled.
 pub struct Esc<M> {
     pub(crate) chip: Chip,
     pub(crate) registers: Registers,
     pub(crate) shadow: Shadow,
     pub(crate) ram: M,
-    /// Bytes of process RAM that exist for both sides.
+    /// Bytes of process RAM that both sides can access.
     pub(crate) ram_len: usize,
-    /// Makes `ram` longer, where it grows with its use.
+    /// Makes `ram` longer, if it grows with its use.
     grow: Option<fn(&mut M, usize)>,
     pub(crate) image: M,
     pub(crate) units: Units,
@@ -66,19 +67,19 @@ pub struct Esc<M> {
     pub(crate) pdi_watchdog: Watchdog,
     pub(crate) ports: Ports,
     pub(crate) watchdog: Watchdog,
-    /// The AL event request as each side last read its first byte.
+    /// The AL event request when each side last read its first byte.
     pub(crate) held_al_events: [u32; 2],
-    /// DL status changed and ECAT has not read it since.
+    /// DL status changed, and ECAT has not read it since.
     pub(crate) dl_changed: bool,
-    /// What happened beside the event just reported.
+    /// An event that has happened and is still to be reported.
     pub(crate) overdue: Option<(Time<Device>, EscEvent)>,
-    /// Counts what may have changed [`Esc::reach`].
+    /// Counts changes that may affect [`Esc::reach`].
     pub(crate) reach_version: u32,
-    /// The memory acknowledges nothing.
+    /// The EEPROM acknowledges nothing.
     eeprom_is_dead: bool,
     /// See [`Esc::set_lane`].
     pub(crate) lane: bool,
-    /// Where process data lies, as far as it is known.
+    /// Where process data lies, if that is known.
     pub(crate) areas: Known,
 }
 
@@ -86,29 +87,29 @@ pub struct Esc<M> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Flight {
     pub start: Time<Device>,
-    /// When its effects come into force; never if it has none.
+    /// The instant at which its effects come into force; never if it has none.
     pub end: Time<Device>,
-    /// ECAT events that it acknowledged by reading.
+    /// ECAT events that the frame acknowledged by reading.
     pub acknowledged: u16,
-    /// Latch times that it read, see `dc::latch::times`.
+    /// Latch times that the frame read, see `dc::latch::times`.
     pub latch_times: u8,
-    /// It wrote a write enable register: 0x0020, 0x0030.
+    /// The frame wrote a write enable register: 0x0020, 0x0030.
     pub enabled: [bool; 2],
-    /// What every datagram shows in its IRQ field.
+    /// The value that every datagram shows in its IRQ field.
     pub irq: u16,
-    /// It latches receive times.
+    /// The frame latches receive times.
     pub latches: bool,
-    /// The system time that it brought, as long as it wrote nothing else to registers.
+    /// The system time that the frame brought, as long as it wrote no other registers.
     pub brought: Brought,
-    /// What its sender calls it.
+    /// The sender's label for the frame.
     pub label: u64,
-    /// PDI control bytes that the PDI wrote meanwhile, and for which SyncManagers.
+    /// PDI control bytes that the PDI wrote during the frame, and their SyncManagers.
     pub pdi_control: [u8; 16],
     pub pdi_control_written: u16,
 }
 
 impl Flight {
-    /// No frame.
+    /// The value for no frame in flight.
     pub const NONE: Self = Self {
         start: Time::ZERO,
         end: Time::NEVER,
@@ -124,15 +125,15 @@ impl Flight {
     };
 }
 
-/// Something that an ESC does by itself at an instant.
+/// An event that an ESC causes by itself at an instant.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum EscEvent {
     /// A good frame has ended and its effects came into force.
     FrameEnd {
-        /// Bits of the AL event request (0x0220) that it newly set, whatever their mask.
+        /// Bits of the AL event request (0x0220) that the frame newly set, before the mask.
         al_events: u32,
     },
-    /// A loop opened or closed: see [`Esc::dl_status`].
+    /// A loop opened or closed; see [`Esc::dl_status`].
     Ports,
     /// SYNC0 became active.
     Sync0,
@@ -140,7 +141,7 @@ pub enum EscEvent {
     Sync1,
     /// The latch unit stored the time of an edge.
     Latched {
-        /// It newly set bit 1 of the AL event request (0x0220), whatever its mask.
+        /// The edge newly set bit 1 of the AL event request (0x0220), before the mask.
         al_event: bool,
     },
     /// The process data watchdog expired.
@@ -149,25 +150,25 @@ pub enum EscEvent {
     PdiWatchdogExpired,
     /// An EEPROM command is done.
     EepromDone,
-    /// A reset sequence was written: the ESC starts anew. Its links stay as they are.
+    /// A reset sequence was written: the ESC restarts. Its links stay as they are.
     Reset,
 }
 
-/// A fault that a port saw, by the counter that counts it.
+/// A fault that a port detected, named by the counter that counts it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PortError {
     /// Registers 0x0300, 0x0302...: a frame with a wrong check sequence.
     InvalidFrame,
     /// Registers 0x0301, 0x0303...: the PHY reported an error.
     RxError,
-    /// Registers 0x0308...: a frame that an ESC before this one had marked as wrong.
+    /// Registers 0x0308...: a frame that an earlier ESC had marked as wrong.
     Forwarded,
 }
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
-    /// Power-on at device time zero, with the local time at zero too. The configuration area is loaded
-    /// from `eeprom`; `ram` is the process RAM from 0x1000 on (what the chip has beyond it does not
-    /// exist, what `ram` has beyond the chip is not used).
+    /// An ESC at power-on, at device time zero and with the local time zero. The configuration area
+    /// is loaded from `eeprom`. `ram` is the process RAM from 0x1000 on: RAM of the chip beyond the
+    /// end of `ram` does not exist, and bytes of `ram` beyond the chip's RAM are not used.
     pub fn new(chip: &Chip, eeprom: M, ram: M) -> Self {
         let mut registers = Registers::new();
         let mut esc = Self {
@@ -202,9 +203,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         esc
     }
 
-    /// The same ESC with all the RAM of its chip, of which only what is used takes memory: `grow` makes the
-    /// `ram` given so far at least so many bytes long, with zeros. It is called when an access first reaches
-    /// beyond.
+    /// The same ESC with all the RAM of its chip, of which only the used part takes memory. `grow`
+    /// extends `ram` with zeros to at least the given length. It is called when an access first
+    /// reaches beyond the present end.
     pub fn with_growing_ram(mut self, grow: fn(&mut M, usize)) -> Self {
         self.ram_len = usize::from(self.chip.ram_kib) * 1024;
         self.registers.store(register::RAM_SIZE, self.chip.ram_kib);
@@ -212,7 +213,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self
     }
 
-    /// Before an access to `len` bytes of process RAM from `address` on: RAM is there as far as it goes.
+    /// Makes RAM long enough before an access to `len` bytes of process RAM from `address` on.
     pub(crate) fn reach_ram(&mut self, address: u16, len: usize) {
         let Some(grow) = self.grow else { return };
         let end = (usize::from(address) + len).max(self.sync_managers.reserved_end());
@@ -228,14 +229,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self
     }
 
-    /// The same ESC with another law of the drift loop than its chip's.
+    /// The same ESC with another drift law than that of its chip.
     pub fn with_drift_law(mut self, law: DriftLaw) -> Self {
         self.dc.set_drift_law(law);
         self
     }
 
-    /// Power goes away, or comes back: everything is as after [`new`](Self::new), with the local time at
-    /// `local`, but the EEPROM holds what was written to it. No port has a link. What was set by
+    /// Power goes away or comes back: the ESC is as after [`new`](Self::new), with the local time
+    /// at `local`, but the EEPROM keeps what was written to it. No port has a link. The law set by
     /// [`with_drift_law`](Self::with_drift_law) and the pins of the latch inputs stay as they are.
     pub fn power_on(&mut self, now: Time<Device>, local: Time<Local>) {
         self.ports = Ports::new();
@@ -244,7 +245,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.start(now, local.count());
     }
 
-    /// Everything from the beginning, but links and RAM.
+    /// Restarts everything except links and RAM.
     fn start(&mut self, now: Time<Device>, local: u64) {
         let chip = &{ self.chip };
         self.reach_version = self.reach_version.wrapping_add(1);
@@ -317,29 +318,32 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.al.set_emulation(registers);
     }
 
-    /// A frame that wrote 0x0900 (see [`Processed::latch_ports`](crate::Processed)) arrived, with its
-    /// first preamble bit, at this port: on its way in, or coming back from the branch behind the port.
+    /// Reports that a frame that wrote 0x0900 (see [`Processed::latch_ports`](crate::Processed))
+    /// arrived, with its first preamble bit, at this port: on its way in, or on its way back from
+    /// the branch behind the port.
     ///
-    /// On an ESC in reverse mode (0x0936) ports 1-3 show what arrived there before the frame reached the
-    /// EPU; arrivals of earlier frames may then be reported too, and are kept for the next such frame.
+    /// An ESC in reverse mode (0x0936) shows for ports 1-3 what arrived there before the frame
+    /// reached the EPU. Arrivals of earlier frames may then be reported too; they are kept for the
+    /// next such frame.
     ///
-    /// On one that [stamps the next frame](Chip::stamps_next_frame) whatever arrives at ports 1-3
-    /// may be reported, in order of time: the first that begins there no earlier than the writing
-    /// frame at the EPU is kept, and the others are not. It must be reported while
-    /// [`awaits_frame`](Self::awaits_frame) says so.
+    /// On an ESC that [stamps the next frame](Chip::stamps_next_frame), any arrival at ports 1-3
+    /// may be reported, in order of time. The first that begins there no earlier than the writing
+    /// frame began at the EPU is kept; the others are not. It must be reported while
+    /// [`awaits_frame`](Self::awaits_frame) returns true.
     pub fn receive_at_port(&mut self, port: PortNumber, at: Time<Device>) {
         self.dc.receive_at_port(port, at, &mut self.registers);
     }
 
-    /// Whether this port stamps the next frame that arrives there, of whatever content: 0x0900 was
-    /// written on an ESC that [does so](Chip::stamps_next_frame), and none has been reported since.
+    /// Whether this port stamps the next frame that arrives there, whatever its content. This is so
+    /// after 0x0900 was written on an ESC that [does so](Chip::stamps_next_frame), until an arrival
+    /// is reported.
     pub fn awaits_frame(&self, port: PortNumber) -> bool {
         self.dc.awaits_frame(port)
     }
 
-    /// The pin of a latch input has this level from `at` on; pins are low at first. The unit samples it
-    /// at the first tick at or after `at`: see [`EscEvent::Latched`]. An ESC without latch unit ignores
-    /// it.
+    /// Sets the pin of a latch input to this level from `at` on; pins are low at first. The unit
+    /// samples the pin at the first tick at or after `at`: see [`EscEvent::Latched`]. An ESC
+    /// without latch unit ignores the call.
     pub fn set_latch_input(&mut self, input: LatchInput, level: bool, at: Time<Device>) {
         if self.units.latch {
             self.settle(at);
@@ -347,7 +351,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
-    /// A cable was plugged or unplugged. A port that the chip has not is ignored.
+    /// A cable was plugged or unplugged. A port that the chip does not have is ignored.
     pub fn set_port(&mut self, port: PortNumber, link: bool) {
         if self.ports.set_link(port, link, &self.registers) {
             count(&mut self.registers, 0x0310 + port.index() as u16);
@@ -357,8 +361,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.reach_version = self.reach_version.wrapping_add(1);
     }
 
-    /// A good frame arrived at a port whose loop may be closed: one that closed by itself and is set to
-    /// stay so ("auto-close") opens for the frames that follow. Returns whether it did.
+    /// A good frame arrived at a port whose loop may be closed. A loop that closed by itself and
+    /// waits for a frame ("auto-close") opens for the frames that follow. Returns whether it
+    /// opened.
     pub fn hear_frame(&mut self, port: PortNumber) -> bool {
         let waits = self.ports.waits_for_frame(port, &self.registers);
         if waits {
@@ -369,7 +374,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         waits
     }
 
-    /// Whether loops are going to change: by the end of the frame in flight or of a temporary setting.
+    /// Whether loops are about to change, at the end of the frame in flight or of a temporary
+    /// setting.
     pub fn loops_pending(&self) -> bool {
         let written = [0x0040..0x0041, 0x0100..0x0104];
         self.ports.due() != Time::NEVER
@@ -377,7 +383,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 && written.into_iter().any(|range| self.shadow.touches(range))
     }
 
-    /// A port saw a fault. The EPU counts by itself what it gets to process (0x030C).
+    /// Counts a fault that a port detected. Faults of frames that reach the EPU it counts itself
+    /// (0x030C).
     pub fn count_error(&mut self, port: PortNumber, error: PortError) {
         let port = port.index() as u16;
         let counter = match error {
@@ -388,31 +395,32 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         count(&mut self.registers, counter);
     }
 
-    /// Labels the frame in flight: what it writes into buffers of SyncManagers keeps the label.
-    /// Call it once the frame is through and before it ends; a frame without a label has 0. No
-    /// register shows labels, and they change nothing.
+    /// Labels the frame in flight: the bytes that it writes into buffers of SyncManagers keep the
+    /// label. Call this after the frame has passed and before it ends. A frame without a label has
+    /// the label 0. No register shows labels, and they change nothing.
     pub fn label_frame(&mut self, label: u64) {
         self.flight.label = label;
     }
 
-    /// Labels what the PDI writes into buffers of SyncManagers from now on.
+    /// Labels the bytes that the PDI writes into buffers of SyncManagers from now on.
     pub fn label_pdi(&mut self, label: u64) {
         self.sync_managers.pdi_label = label;
     }
 
-    /// The label of what was last read, or is being read, from the buffer of a SyncManager (0 to
-    /// 15), by whichever side reads it; 0 if nothing was, or if it has none.
+    /// The label of the bytes that either side last read, or is reading, from the buffer of a
+    /// SyncManager (0 to 15). It is 0 if nothing was read or the bytes have no label.
     pub fn label(&self, sync_manager: u8) -> u64 {
         self.sync_managers.label(usize::from(sync_manager))
     }
 
-    /// When the next own event is due, or an instant before: [`step`](Self::step) lets it happen then, or finds out when it really
-    /// is due. Never, if nothing is.
+    /// An instant at or before the next own event. [`step`](Self::step) then handles the event, or
+    /// finds its exact time. It is never if no event is due.
     #[inline]
     pub fn next_event(&self) -> Time<Device> {
         match self.overdue {
             Some((at, _)) => at,
-            // The time of `earliest`, which is asked for much more often than what is due then.
+            // Keep the time of `earliest` only: it is asked for much more often than the kind of
+            // event.
             None => {
                 let next = (self.flight.end.min(self.dc.sync.due()))
                     .min(self.watchdog.due().min(self.pdi_watchdog.due()))
@@ -434,7 +442,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             if at > limit || at == Time::NEVER {
                 return None;
             }
-            // What comes in every cycle is asked for first.
+            // Events of every cycle are tested first.
             let due = match at {
                 _ if at == self.flight.end => Due::FrameEnd,
                 _ if at == self.dc.sync.due() => Due::Sync,
@@ -446,21 +454,23 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
-    /// The local CPU is at work at `now` and accesses nothing: what [`pdi`](Self::pdi) does by itself.
+    /// The local CPU works at `now` without an access: this has the side effect of
+    /// [`pdi`](Self::pdi) only.
     #[inline]
     pub fn note_pdi(&mut self, now: Time<Device>) {
         self.pdi(now);
     }
 
-    /// The local CPU's access at `now`.
+    /// Opens the local CPU's access to the ESC at `now`.
     #[inline]
     pub fn pdi(&mut self, now: Time<Device>) -> EscPdi<'_, M> {
         self.settle(now);
         EscPdi::new(self, now)
     }
 
-    /// SYNC0 and SYNC1 pulses since power-on or reset that made no edge, because the signal was still active from the
-    /// pulse before: not acknowledged yet (0x0982 is 0), or longer than its cycle. Wraps.
+    /// Number of SYNC0 and SYNC1 pulses since power-on or reset that made no edge, because the
+    /// signal was still active from the pulse before: it was not acknowledged yet (0x0982 is 0), or
+    /// is longer than the cycle. The counters wrap.
     pub const fn sync_pulses_without_edge(&self) -> [u32; 2] {
         self.dc.sync.without_edge()
     }
@@ -472,23 +482,23 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             | self.dc.latch.al_events(&self.registers)
     }
 
-    /// Whether the interrupt line to the local CPU is active: an AL event that its mask (0x0204) lets
-    /// through. The mask does not touch the request.
+    /// Whether the interrupt line to the local CPU is active: an AL event passes the mask (0x0204).
+    /// The mask does not change the request.
     pub fn interrupt(&self, now: Time<Device>) -> bool {
         self.al_events(now) & self.register(register::AL_EVENT_MASK) != 0
     }
 
-    /// The AL events that frames and the PDI cause, the latch unit's apart.
+    /// The AL events that frames and the PDI cause, without those of the latch unit.
     pub(crate) fn own_al_events(&self) -> u32 {
         self.al.events() | self.sync_managers.al_events() | self.eeprom.al_events()
     }
 
-    /// The ECAT event request (0x0210), whatever its mask.
+    /// The ECAT event request (0x0210), before the mask.
     pub fn ecat_event_request(&self) -> u16 {
         self.ecat_events()
     }
 
-    /// A register's value in force, without the side effects of a read. Times that run (0x0910,
+    /// The value of a register in force, without the side effects of a read. Running times (0x0910,
     /// 0x0990...) are as the last access left them.
     pub fn register<T: Value>(&self, register: Register<T>) -> T {
         self.registers.load(register)
@@ -516,12 +526,13 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         &self.chip
     }
 
-    /// Registers and user RAM, 0x0000-0x0FFF, as they are in force; see [`Self::register`].
+    /// Registers and user RAM in force, 0x0000-0x0FFF; see [`Self::register`].
     pub fn registers(&self) -> [u8; register::PROCESS_RAM as usize] {
         core::array::from_fn(|address| self.registers.byte(address as u16))
     }
 
-    /// Process RAM from 0x1000 on, all buffers of SyncManagers included; where it grows with its use, as far as it was used.
+    /// Process RAM from 0x1000 on, including all buffers of SyncManagers. RAM that grows with its
+    /// use ends behind the last byte used.
     pub fn ram(&self) -> &[u8] {
         let ram = self.ram.as_ref();
         &ram[..self.ram_len.min(ram.len())]
@@ -532,25 +543,27 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.image.as_ref()
     }
 
-    /// The same for somebody who programs the memory past the ESC. What the ESC has loaded from it
-    /// stays.
+    /// The EEPROM image, for a program that writes the memory past the ESC. What the ESC has
+    /// already loaded from it stays.
     pub fn eeprom_mut(&mut self) -> &mut [u8] {
         self.image.as_mut()
     }
 
-    /// When the last frame is over: when its effects come into force, if they have not yet, else when it arrived.
+    /// The end of the last frame: when its effects come into force, if that is still to come;
+    /// otherwise when it arrived.
     pub fn last_frame(&self) -> Time<Device> {
         let Flight { start, end, .. } = self.flight;
         if end == Time::NEVER { start } else { end }
     }
 
-    /// The memory behind the ESC acknowledges nothing from now on (broken, or without supply), or does so again. Each
-    /// command ends with the missing acknowledge of register 0x0502 bit 13; at a reset or power-on nothing is loaded.
+    /// Sets whether the EEPROM acknowledges nothing (it is broken or has no supply). While it is
+    /// dead each command ends with the missing acknowledge of register 0x0502 bit 13, and nothing
+    /// is loaded at a reset or power-on.
     pub fn set_eeprom_dead(&mut self, dead: bool) {
         self.eeprom_is_dead = dead;
     }
 
-    /// The image, as far as the memory can be read.
+    /// The EEPROM image, or an empty one if the memory does not answer.
     fn answering_image(&self) -> &[u8] {
         if self.eeprom_is_dead { &[] } else { self.image.as_ref() }
     }
@@ -566,7 +579,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// The first instant at or after `from`, on its tick, at which the system time has reached
-    /// `system`; half the counter's range back counts as reached.
+    /// `system`. A `system` up to half the counter's range in the past counts as reached.
     pub fn first_reaching(&self, system: Time<Dc>, from: Time<Device>) -> Time<Device> {
         self.dc.first_reaching(system, from)
     }
@@ -581,7 +594,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.dc.sync.is_active()
     }
 
-    /// Applies the end of the frame in flight if it is over, whoever forgot to `step` to it.
+    /// Applies the end of the frame in flight if it is over, in case the caller did not `step` to
+    /// it.
     #[inline]
     pub(crate) fn settle(&mut self, now: Time<Device>) {
         if self.flight.end <= now && self.flight.end != Time::NEVER {
@@ -599,8 +613,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             | self.dc.latch.ecat_events(&self.registers)
     }
 
-    /// Starts a reset sequence or goes on with it; `side` 0 is ECAT, 1 the PDI.
-    /// Returns whether it is complete and everything is at its beginning.
+    /// Advances a reset sequence by a written byte; `side` 0 is ECAT, 1 the PDI. Returns whether
+    /// the sequence is complete and the ESC was reset.
     pub(crate) fn advance_reset(&mut self, side: usize, written: u8, now: Time<Device>) -> bool {
         let progress = usize::from(self.reset_progress[side]);
         self.reset_progress[side] = if RESET_SEQUENCE[progress] == written {
@@ -608,7 +622,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         } else {
             u8::from(RESET_SEQUENCE[0] == written)
         };
-        // Frames or accesses in between that leave the register alone do not break the sequence.
+        // Frames or accesses in between that do not touch the register do not break the sequence.
         let complete = usize::from(self.reset_progress[side]) == RESET_SEQUENCE.len();
         if complete {
             self.start(now, 0);
@@ -696,18 +710,18 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.registers.store(register::WATCHDOG_STATUS, u16::from(fine));
     }
 
-    /// Notes the local time of something that happened to a buffer, in 0x09F0, 0x09F8 or 0x09FC.
+    /// Stores the local time of an event at a buffer in 0x09F0, 0x09F8 or 0x09FC.
     pub(crate) fn latch_buffer_time(&mut self, time: Register<u32>, at: Time<Device>) {
         let local = self.dc.local_time(at).count();
         self.registers.store(time, local as u32);
     }
 
-    /// Whether process RAM answers: the EEPROM was loaded.
+    /// Whether process RAM can be accessed, which needs a loaded EEPROM.
     pub(crate) fn is_operational(&self) -> bool {
         self.dl_status().0 & DlStatus::PDI_OPERATIONAL != 0
     }
 
-    /// Whether a circulating frame is to be stopped here.
+    /// Whether a circulating frame must be stopped here.
     pub(crate) fn stops_circulating(&self) -> bool {
         self.ports.stops_circulating(&self.registers)
     }
@@ -739,7 +753,7 @@ enum Due {
     Loops,
 }
 
-/// RAM grows by this many bytes.
+/// RAM grows in steps of this many bytes.
 const RAM_GRAIN: usize = 256;
 
 /// Adds one to a counter that stays at 0xFF.
@@ -751,7 +765,7 @@ pub(crate) fn count(registers: &mut Registers, address: u16) {
 /// ECAT event request bits.
 pub(crate) const ECAT_DL_STATUS: u16 = 1 << 2;
 pub(crate) const ECAT_AL_STATUS: u16 = 1 << 3;
-/// Written one after the other to 0x0040 or 0x0041, these reset the ESC.
+/// These bytes, written one after the other to 0x0040 or 0x0041, reset the ESC.
 const RESET_SEQUENCE: [u8; 3] = *b"RES";
 /// Reset value of register 0x0204.
 const AL_EVENT_MASK: u32 =
@@ -762,8 +776,8 @@ const WATCHDOG_DIVIDER: u16 = 2498;
 const WATCHDOG_TIME: u16 = 1000;
 /// SII word of the station alias.
 const ALIAS_WORD: usize = 4;
-/// Register 0x0140: digital I/O. No CPU has to show that it lives: DL status bit 1 reads 1
-/// (captured on three kinds of terminals).
+/// Register 0x0140: digital I/O. There is no CPU that could signal that it is alive, so DL status
+/// bit 1 reads 1 (captured on three kinds of terminals).
 pub(crate) const PDI_DIGITAL_IO: u8 = 0x04;
 /// Register 0x014E: the configuration area is loaded, the PDI is active.
 const PDI_INFORMATION_LOADED: u16 = 0x0006;

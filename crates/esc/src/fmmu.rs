@@ -1,4 +1,4 @@
-//! FMMUs: which logical bits of a datagram lie where in this ESC's memory.
+//! FMMUs: where the logical bits of a datagram lie in this ESC's memory.
 
 use core::ops::Range;
 
@@ -7,20 +7,21 @@ use isocat_wire::register;
 
 use crate::memory::Registers;
 
-/// The FMMUs in force, with what is needed to pass over datagrams that hit none.
+/// The FMMUs in force, with summaries that let datagrams without a hit pass quickly.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fmmus {
     count: usize,
     active: u16,
-    /// First logical byte that any of them maps, and the one behind the last.
+    /// First logical byte that any FMMU maps, and the one behind the last.
     hull: (u32, u64),
-    /// The common case, one FMMU for reading and one for writing, both of whole bytes: each of them.
+    /// The FMMU for reading and the one for writing, in the common case that each is the only one
+    /// of its kind and maps whole bytes.
     single: [Option<Single>; 2],
-    /// Some FMMU is active for reading, for writing.
+    /// Whether some FMMU is active for reading, and for writing.
     any: [bool; 2],
 }
 
-/// A FMMU of whole bytes that is the only one for its kind of access.
+/// An FMMU that maps whole bytes and is the only one for its kind of access.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Single {
     pub logical: u32,
@@ -40,7 +41,7 @@ impl Fmmus {
         }
     }
 
-    /// Takes over the registers after ECAT wrote them.
+    /// Applies the registers after ECAT wrote them.
     pub fn configure(&mut self, registers: &Registers) {
         (self.active, self.hull) = (0, (u32::MAX, 0));
         self.any = [false; 2];
@@ -72,8 +73,8 @@ impl Fmmus {
         })
     }
 
-    /// Where the datagram's bytes lie if one FMMU decides it alone: memory address, and which bytes.
-    /// `Err`: ask [`Self::hits`]. `Ok(None)`: nowhere.
+    /// Where the datagram's bytes lie if one FMMU alone decides that: the memory address, and which
+    /// bytes. `Ok(None)`: none of them is mapped. `Err`: use [`Self::hits`].
     pub fn alone(
         &self,
         kind: u8,
@@ -93,8 +94,8 @@ impl Fmmus {
         Ok(Some((address, (from - first) as usize..(end - first) as usize)))
     }
 
-    /// The FMMU that decides all datagrams of a kind alone; `Ok(None)` if none maps anything for it. `Err`: ask
-    /// [`Self::hits`].
+    /// The FMMU that alone decides all datagrams of a kind; `Ok(None)` if no FMMU maps anything for
+    /// it. `Err`: use [`Self::hits`].
     pub fn single(&self, kind: u8) -> Result<Option<Single>, Complicated> {
         match self.single[usize::from(kind != Fmmu::READ)] {
             None if self.any[usize::from(kind != Fmmu::READ)] => Err(Complicated),
@@ -102,13 +103,14 @@ impl Fmmus {
         }
     }
 
-    /// First logical byte that any of them maps, and the one behind the last; equal if none maps any.
+    /// First logical byte that any FMMU maps, and the one behind the last; equal if no byte is
+    /// mapped.
     pub const fn hull(&self) -> (u32, u64) {
         if self.active == 0 { (0, 0) } else { self.hull }
     }
 
-    /// What a datagram of `len` bytes at `logical` hits for this kind of access
-    /// ([`Fmmu::READ`] or [`Fmmu::WRITE`]); `None` for most datagrams of a big segment.
+    /// The FMMUs that a datagram of `len` bytes at `logical` hits for this kind of access
+    /// ([`Fmmu::READ`] or [`Fmmu::WRITE`]). `None` for most datagrams of a big segment.
     pub fn hits(&self, registers: &Registers, kind: u8, logical: u32, len: usize) -> Option<Hits> {
         let end = u64::from(logical) + len as u64;
         if self.active == 0 || u64::from(logical) >= self.hull.1 || end <= u64::from(self.hull.0) {
@@ -129,7 +131,7 @@ impl Fmmus {
     }
 }
 
-/// More than one FMMU may map a byte, or only bits of it.
+/// A byte may be mapped by more than one FMMU, or only some of its bits are mapped.
 pub(crate) struct Complicated;
 
 /// The FMMUs that a datagram hits, in the order of their numbers.
@@ -142,14 +144,14 @@ pub(crate) struct Hits {
 pub(crate) enum Target {
     /// Whole bytes of the datagram lie at `address` and following.
     Bytes { address: u16, data: Range<usize> },
-    /// The bits `mask` of the byte at `address`; its bit 0 belongs to bit `data_bit` of the datagram
-    /// (which may lie before it).
+    /// The bits `mask` of the byte at `address`. Bit 0 of that byte belongs to bit `data_bit` of
+    /// the datagram, which may be negative.
     Bits { address: u16, mask: u8, data_bit: i64 },
 }
 
 impl Hits {
-    /// All targets of a datagram of `len` bytes at `logical`. Where FMMUs overlap, the one with the
-    /// lower number has the bit.
+    /// Calls `each` with all targets of a datagram of `len` bytes at `logical`. Where FMMUs
+    /// overlap, the one with the lower number maps the bit.
     pub fn targets(&self, logical: u32, len: usize, mut each: impl FnMut(Target)) {
         for at in 0..self.len {
             let (fmmu, lower) = (&self.fmmus[at], &self.fmmus[..at]);
@@ -162,7 +164,7 @@ impl Hits {
     }
 }
 
-/// Targets of a FMMU that maps whole bytes.
+/// Targets of an FMMU that maps whole bytes.
 fn bytes(fmmu: &Fmmu, logical: u32, len: usize, each: &mut impl FnMut(Target)) {
     let first = u64::from(fmmu.logical_start.max(logical));
     let end = logical_end(fmmu).min(u64::from(logical) + len as u64);
@@ -175,7 +177,7 @@ fn bytes(fmmu: &Fmmu, logical: u32, len: usize, each: &mut impl FnMut(Target)) {
     }
 }
 
-/// Targets of a FMMU that maps bits, by bytes of memory, each of which is touched once.
+/// Targets of an FMMU that maps bits, grouped by bytes of memory so that each is accessed once.
 fn bits(fmmu: &Fmmu, lower: &[Fmmu], logical: u32, len: usize, each: &mut impl FnMut(Target)) {
     // All positions are bits; logical ones count from the datagram's first bit.
     let run = (i64::from(fmmu.logical_start) - i64::from(logical)) * 8
@@ -201,7 +203,7 @@ fn bits(fmmu: &Fmmu, lower: &[Fmmu], logical: u32, len: usize, each: &mut impl F
     }
 }
 
-/// Whether a FMMU maps a logical bit, counted from logical address 0.
+/// Whether an FMMU maps a logical bit, counted from logical address 0.
 fn maps(fmmu: &Fmmu, bit: i64) -> bool {
     let first = i64::from(fmmu.logical_start) * 8 + i64::from(fmmu.logical_start_bit & 7);
     (first..first + i64::from(fmmu.bits())).contains(&bit)
@@ -212,7 +214,7 @@ fn overlap(one: &Fmmu, other: &Fmmu) -> bool {
         && u64::from(other.logical_start) < logical_end(one)
 }
 
-/// The logical byte behind the last one touched.
+/// The logical byte behind the last one that the FMMU maps.
 fn logical_end(fmmu: &Fmmu) -> u64 {
     u64::from(fmmu.logical_start) + u64::from(fmmu.length)
 }
@@ -241,7 +243,7 @@ mod tests {
                 Target::Bits { address, mask, data_bit } => found.push((address, mask, data_bit)),
             });
         }
-        // The short way says the same wherever it says anything.
+        // Where `alone` gives an answer, it is the same as that of `hits`.
         if let Ok(alone) = short {
             let bytes = alone.into_iter().flat_map(|(address, data)| {
                 data.enumerate().map(move |(n, at)| (address + n as u16, 0xFF, at as i64 * 8))
@@ -251,7 +253,8 @@ mod tests {
         found
     }
 
-    /// The data sheet's example: logical 0x00010011 bit 3 to 0x00010013 bit 0, physical 0x0F01 bit 1.
+    /// The data sheet's example: logical 0x00010011 bit 3 to 0x00010013 bit 0, physical 0x0F01 bit
+    /// 1.
     const EXAMPLE: Fmmu = Fmmu {
         logical_start: 0x0001_0011,
         length: 3,
@@ -271,7 +274,7 @@ mod tests {
             targets(&[EXAMPLE], 0x0001_0011, 3),
             [(0x0F01, 0b1111_1110, 2), (0x0F02, 0b0111_1111, 10)]
         );
-        // A datagram that covers the second logical byte only gets its eight bits.
+        // A datagram that covers only the second logical byte gets the eight bits of that byte.
         assert_eq!(
             targets(&[EXAMPLE], 0x0001_0012, 1),
             [(0x0F01, 0b1100_0000, -6), (0x0F02, 0b0011_1111, 2)]

@@ -16,7 +16,7 @@ use crate::regular::Known;
 use crate::sync_manager::{SM_LEN, Side};
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
-    /// The frame in flight was good and is over: buffers change hands, registers come into force.
+    /// Ends the frame in flight, which was good: buffers change hands, registers come into force.
     pub(crate) fn end_frame(&mut self) -> EscEvent {
         if let Some(event) = self.end_regular_frame() {
             return event;
@@ -53,20 +53,21 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         EscEvent::FrameEnd { al_events }
     }
 
-    /// What the circuit in the place of a CPU sees of a frame. Digital I/O takes each exchange from the SyncManagers
-    /// themselves, whether or not they may interrupt a CPU, and follows AL status.
+    /// The AL events that the circuit of a device without CPU sees after a frame. Digital I/O
+    /// follows AL status and takes each exchange directly from the SyncManagers, even where their
+    /// interrupt is off.
     fn seen_without_cpu(&self, exchanged: u16, before: AlStatus) -> u32 {
         let exchanged = u32::from(exchanged) * al_event::sync_manager(0);
         let state = if self.al_status() == before { 0 } else { al_event::AL_CONTROL };
         exchanged | state
     }
 
-    /// The AL events that stay until they are acknowledged.
+    /// The AL events that stay set until they are acknowledged.
     fn lasting_al_events(&self) -> u32 {
         self.own_al_events() | self.dc.latch.al_events(&self.registers)
     }
 
-    /// Brings what the frame wrote to registers into force.
+    /// Puts into force what the frame wrote to registers.
     fn commit(&mut self, start: Time<Device>, now: Time<Device>) {
         if let Some(value) = self.shadow.byte(register::ESC_RESET_ECAT.address)
             && self.advance_reset(0, value, now)
@@ -168,7 +169,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         shadow.clear();
     }
 
-    /// ECAT has read what these ECAT events announced.
+    /// Clears the ECAT events that ECAT has acknowledged by reading.
     fn acknowledge_ecat(&mut self, events: u16) {
         self.dl_changed &= events & ECAT_DL_STATUS == 0;
         if events & ECAT_AL_STATUS != 0 {
@@ -177,7 +178,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 }
 
-/// Registers for which a write is not simply the new value.
+/// Registers for which a write has another effect than to store the value.
 fn has_own_effect(address: u16) -> bool {
     matches!(
         address,
@@ -197,7 +198,7 @@ const DL_CONTROL: Range<u16> = 0x0100..0x0104;
 const WATCHDOG_COUNTERS: Range<u16> = 0x0442..0x0444;
 const MII: Range<u16> = 0x0510..0x0518;
 const EEPROM_CONTROL: Range<u16> = 0x0502..0x0504;
-/// Register 0x0500 bit 1: take the EEPROM from the PDI by force.
+/// Register 0x0500 bit 1: ECAT takes the EEPROM from the PDI by force.
 const EEPROM_FORCED: u8 = 1 << 1;
 /// A write to the first range clears the second.
 const ERROR_COUNTERS: [(Range<u16>, Range<u16>); 4] = [

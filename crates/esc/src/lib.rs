@@ -1,17 +1,18 @@
 //! An EtherCAT SubDevice Controller in software, exact to its 10 ns tick.
 //!
-//! A frame enters by [`Esc::process`]: the EPU answers its datagrams in place. Reads and writes reach
-//! memory through the register rules of each side (`access`), through FMMUs if they are logical, and
-//! through SyncManagers if they lie in process RAM. What a frame writes to registers waits in a shadow
-//! (`memory`) until the frame has ended well; then (`frame_end`) the units take it over: AL (`al`), data link (`dl`),
-//! EEPROM, MII management (`mii`), LEDs, watchdogs, DC.
+//! A frame enters by [`Esc::process`]: the EPU answers its datagrams in place. Reads and writes
+//! reach memory through the register rules of each side (`access`), through FMMUs if they are
+//! logical, and through SyncManagers if they lie in process RAM. Writes to registers wait in a
+//! shadow (`memory`) until the frame has ended well. Then (`frame_end`) the units apply them: AL
+//! (`al`), data link (`dl`), EEPROM, MII management (`mii`), LEDs, watchdogs, DC.
 //!
-//! Between frames the ESC lives by its own events: the end of a frame, SYNC0 and SYNC1, latch inputs, watchdogs,
-//! EEPROM. Nothing runs tick by tick. [`Esc::next_event`] says when something is due and [`Esc::step`]
-//! lets it happen. The local CPU's door is [`Pdi`]; [`Esc::pdi`] opens it.
+//! Between frames the ESC has events of its own: the end of a frame, SYNC0 and SYNC1, latch inputs,
+//! watchdogs, EEPROM. Nothing runs tick by tick. [`Esc::next_event`] tells when an event is due,
+//! and [`Esc::step`] handles it. The local CPU accesses the ESC through [`Pdi`], which [`Esc::pdi`]
+//! returns.
 //!
-//! Times are [`Time<Device>`](isocat_wire::time::Device), as the device's own oscillator counts them,
-//! rounded down to ticks wherever the ESC samples.
+//! Times are [`Time<Device>`](isocat_wire::time::Device), as the device's own oscillator counts
+//! them, rounded down to ticks wherever the ESC samples.
 //!
 //! ```
 //! use isocat_esc::{ET1100, Esc};

@@ -1,4 +1,4 @@
-//! The register image and the shadow that ECAT writes wait in until the frame has proved good.
+//! The register image, and the shadow in which writes of ECAT wait until the frame has proved good.
 
 use core::ops::Range;
 
@@ -7,24 +7,24 @@ use isocat_wire::register::{PROCESS_RAM, SHADOW_END, Value};
 
 use crate::access::{ECAT_WRITABLE, Gate, Units};
 
-/// Registers and user RAM, 0x0000-0x0FFF, as they are in force.
+/// Registers and user RAM in force, 0x0000-0x0FFF.
 ///
-/// Only those blocks of 128 have a place in which an ESC has registers; the others read 0 and take
-/// nothing, as registers that do not exist.
+/// Only blocks of 128 bytes in which an ESC has registers take memory. The other blocks read 0 and
+/// ignore writes, as registers that do not exist do.
 pub(crate) struct Registers([u8; BLOCK * (BLOCKS.len() + 1)]);
 
 impl Registers {
-    /// All zero.
+    /// All registers are zero.
     pub const fn new() -> Self {
         Self([0; BLOCK * (BLOCKS.len() + 1)])
     }
-    /// Puts a value in force.
+    /// Puts a value into force.
     pub fn store<T: Value>(&mut self, register: Register<T>, value: T) {
         let from = place(register.address);
         self.0[from..from + T::LEN].copy_from_slice(value.to_bytes().as_ref());
         self.keep_nowhere(register.address);
     }
-    /// Puts one byte in force.
+    /// Puts one byte into force.
     pub fn set_byte(&mut self, address: u16, value: u8) {
         self.0[place(address)] = value;
         self.keep_nowhere(address);
@@ -33,7 +33,7 @@ impl Registers {
     pub fn clear(&mut self, range: Range<u16>) {
         self.bytes_mut(range).fill(0);
     }
-    /// A range for writing, within registers that follow each other.
+    /// A range for writing; it must lie within one run of blocks.
     pub fn bytes_mut(&mut self, range: Range<u16>) -> &mut [u8] {
         let (from, len) = (place(range.start), usize::from(range.end - range.start));
         &mut self.0[from..from + len]
@@ -49,7 +49,7 @@ impl Registers {
     pub fn byte(&self, address: u16) -> u8 {
         self.0[place(address)]
     }
-    /// A range for reading, within registers that follow each other.
+    /// A range for reading; it must lie within one run of blocks.
     pub fn bytes(&self, range: Range<u16>) -> &[u8] {
         let (from, len) = (place(range.start), usize::from(range.end - range.start));
         &self.0[from..from + len]
@@ -64,13 +64,14 @@ impl Registers {
 
 const BLOCK: usize = 128;
 
-/// The blocks that have registers, by the first address. What follows without a gap is one run.
+/// The first address of each block that has registers. Blocks that follow without a gap form one
+/// run.
 const BLOCKS: [u16; 15] = [
     0x0000, 0x0100, 0x0200, 0x0300, 0x0400, 0x0500, 0x0600, 0x0680, 0x0800, 0x0900, 0x0980, 0x0E00,
     0x0E80, 0x0F00, 0x0F80,
 ];
 
-/// Place of each block of the address space; the place behind the last is nowhere.
+/// The index of each block of the address space in memory; the last index stands for absent blocks.
 const PLACES: [u8; PROCESS_RAM as usize / BLOCK] = {
     let mut places = [BLOCKS.len() as u8; PROCESS_RAM as usize / BLOCK];
     let mut place = 0;
@@ -91,24 +92,24 @@ const fn place(address: u16) -> usize {
 
 /// Bytes that the frame in flight has written to registers.
 ///
-/// Only the lines of 16 registers in which ECAT may write anything have a place; a bit a byte tells
+/// Only lines of 16 registers in which ECAT may write take memory; one bit for each byte tells
 /// which bytes were written.
 pub(crate) struct Shadow {
     bytes: [u8; 16 * LINES],
     written: [u16; LINES],
-    /// One bit for each line with something written in it.
+    /// One bit for each line that holds a written byte.
     lines: u64,
-    /// Bytes that ECAT may write whatever the state of the chip.
+    /// Bytes that ECAT may always write, whatever the state of the chip.
     open: [u16; LINES],
 }
 
 impl Shadow {
-    /// Nothing written.
+    /// An empty shadow.
     pub const fn new() -> Self {
         Self { bytes: [0; 16 * LINES], written: [0; LINES], lines: 0, open: [0; LINES] }
     }
 
-    /// Takes note of the registers that ECAT may write whatever the state of the chip.
+    /// Marks the registers that ECAT may always write, whatever the state of the chip.
     pub fn open(&mut self, units: &Units) {
         self.open = [0; LINES];
         let mut at = 0;
@@ -125,7 +126,8 @@ impl Shadow {
         }
     }
 
-    /// Writes the bits of `mask`; the others keep what was written before or else what is in force.
+    /// Writes the bits of `mask`. The other bits keep what was written before, or else the value in
+    /// force.
     pub fn put(&mut self, registers: &Registers, address: u16, value: u8, mask: u8) {
         let Some(line) = line_of(address) else { return };
         let (slot, bit) = (16 * line + usize::from(address & 15), 1 << (address & 15));
@@ -137,7 +139,8 @@ impl Shadow {
         self.lines |= 1 << line;
     }
 
-    /// Writes whole bytes; does nothing and tells so unless all of them are in one line and open.
+    /// Writes whole bytes if all of them lie in one line and are open; otherwise does nothing and
+    /// returns `false`.
     pub fn put_in_line(&mut self, address: u16, data: &[u8]) -> bool {
         let at = usize::from(address & 15);
         if at + data.len() > 16 {
@@ -150,7 +153,8 @@ impl Shadow {
         }
         let bytes = &mut self.bytes[16 * line + at..];
         match *data {
-            // A datagram as the system time and most registers have it: no loop.
+            // A datagram of the length of the system time or of most registers is copied without a
+            // loop.
             [a, b, c, d, e, f, g, h] => bytes[..8].copy_from_slice(&[a, b, c, d, e, f, g, h]),
             [a, b, c, d] => bytes[..4].copy_from_slice(&[a, b, c, d]),
             _ => bytes[..data.len()].copy_from_slice(data),
@@ -160,7 +164,7 @@ impl Shadow {
         true
     }
 
-    /// Forgets everything.
+    /// Clears the shadow.
     pub fn clear(&mut self) {
         let mut lines = self.lines;
         while lines != 0 {
@@ -175,7 +179,7 @@ impl Shadow {
         self.lines == 0
     }
 
-    /// The byte written here, if one was.
+    /// The byte that was written at this address, if any.
     pub fn byte(&self, address: u16) -> Option<u8> {
         let line = line_of(address)?;
         let at = address & 15;
@@ -184,7 +188,7 @@ impl Shadow {
 
     /// Whether any byte of the range was written.
     pub fn touches(&self, range: Range<u16>) -> bool {
-        // By lines: a mask of the bytes asked for against those written.
+        // Works by lines: a mask of the requested bytes is compared with the written ones.
         let mut at = range.start;
         while at < range.end && !self.is_empty() {
             let end = (at | 15).saturating_add(1).min(range.end);
@@ -227,7 +231,7 @@ impl Shadow {
     }
 }
 
-/// The place of the line of 16 registers that holds `address`.
+/// The index of the line of 16 registers that holds `address`.
 const fn line_of(address: u16) -> Option<usize> {
     let line = (address >> 4) as usize;
     Some(match line {
@@ -296,7 +300,7 @@ mod tests {
             let expected = if has_place { expected } else { 0 };
             assert_eq!(registers.byte(address), expected, "{address:#06x}");
         }
-        // What ECAT may write has a place.
+        // Every register that ECAT may write has a block.
         assert!(FIRST.iter().all(|first| BLOCKS.contains(&(first & !127))));
         assert_eq!(registers.bytes(0x0600..0x0700).len(), 256);
     }
@@ -333,7 +337,8 @@ mod tests {
         assert!(!shadow.touches(0x0900..0x0910) && shadow.touches(0x0900..0x0911));
         assert!(shadow.put_in_line(0x0920, &[9; 12]));
         assert!(shadow.byte(0x091F).is_none() && shadow.byte(0x092B) == Some(9));
-        // Bytes that cannot be written, that depend on something, or that lie in two lines.
+        // Bytes that cannot be written, bytes whose gate depends on the state, and bytes in two
+        // lines.
         for (address, len) in [(0x0928, 5), (0x0120, 2), (0x0060, 2), (0x060C, 8), (0x0918, 2)] {
             assert!(!shadow.put_in_line(address, &[9; 8][..len]), "{address:#06x}");
             assert!(shadow.byte(address + len as u16 - 1).is_none(), "{address:#06x}");

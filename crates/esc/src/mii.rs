@@ -1,8 +1,8 @@
 //! MII management (0x0510-0x051B) and the PHYs behind it.
 //!
-//! The PHY of port p has address p. It is one of the plain kind: basic registers 0 to 6, 100 Mbit/s full
-//! duplex by auto-negotiation, its link that of the port. Other addresses and registers are not there:
-//! nothing drives the data line, which reads ones and is an error.
+//! The PHY of port p has address p. It has the basic registers 0 to 6 and runs 100 Mbit/s full
+//! duplex by auto-negotiation; its link is that of the port. Other addresses and registers do not
+//! exist: nothing drives the data line, so it reads ones, which is an error.
 
 use isocat_wire::register;
 use isocat_wire::time::{Device, Nanos};
@@ -26,7 +26,7 @@ pub(crate) struct Mii {
 }
 
 impl Mii {
-    /// Idle, the PHYs at their defaults.
+    /// An idle unit whose PHYs have their default registers.
     pub const fn new(chip: &Chip) -> Self {
         let fixed = match chip.mii {
             MiiManagement::Shared => LINK_DETECTION,
@@ -47,14 +47,16 @@ impl Mii {
             && registers.load(register::MII_PDI_ACCESS) & FORCED == 0
     }
 
-    /// ECAT wrote 0x0517: what it takes by force it has. The PDI's own bit is not ECAT's to set.
+    /// Handles a write to 0x0517: ECAT gets the management at once if it takes it by force. ECAT
+    /// cannot set the PDI's own bit.
     pub fn force(value: u8, registers: &mut Registers) {
         let kept = registers.load(register::MII_PDI_ACCESS) & 1;
         let state = if value & FORCED != 0 { FORCED } else { kept };
         registers.store(register::MII_PDI_ACCESS, state);
     }
 
-    /// A control word was written to 0x0510. ECAT needs the write enable bit for a write, the PDI has it.
+    /// Handles a control word written to 0x0510. For a write ECAT needs the write enable bit; the
+    /// PDI does not.
     pub fn command(&mut self, side: Side, control: u16, now: Time<Device>) {
         self.errors = 0;
         match control & COMMAND {
@@ -72,7 +74,7 @@ impl Mii {
         self.job.map_or(Time::NEVER, |(_, due)| due)
     }
 
-    /// The command under way is done.
+    /// Completes the command under way.
     pub fn finish(&mut self, chip: &Chip, links: [bool; 4], registers: &mut Registers) {
         let Some((command, _)) = self.job.take() else { return };
         let address = usize::from(registers.load(register::MII_PHY_ADDRESS) & 0x1F);
@@ -125,7 +127,7 @@ impl Mii {
             0 => control,
             1 if link => STATUS | STATUS_LINKED,
             1 => STATUS,
-            // No maker.
+            // The PHY has no maker.
             2 | 3 => 0,
             4 => advertisement,
             5 if link => ADVERTISEMENT | PARTNER_ACKNOWLEDGE,

@@ -1,4 +1,4 @@
-//! The door of an ESC to its local CPU.
+//! The interface of an ESC to its local CPU.
 
 use core::ops::Range;
 
@@ -22,14 +22,14 @@ use crate::sync_manager::{Access, Direction, Side};
 
 /// The ESC as the local CPU sees it: the software ESC, or a driver of a chip.
 ///
-/// An access has the side effects that the chip gives it: reading AL control releases it for the next
-/// request, reading the first byte of a SyncManager's buffer opens it, reading or writing its last
-/// byte closes it. Whole buffers are therefore best accessed with one call. A chip that acknowledges by
-/// writing (0x014E bit 0) wants a write of any value instead: to the register, or to the last byte of
-/// the buffer that was read.
+/// An access has the side effects of the chip: reading AL control permits the next request, reading
+/// the first byte of a SyncManager's buffer opens it, and reading or writing its last byte closes
+/// it. Access whole buffers with one call where possible. A chip that acknowledges by writing
+/// (0x014E bit 0) needs a write of any value instead: to the register, or to the last byte of the
+/// buffer that was read.
 ///
-/// A driver whose bus can fail keeps the fault and hands it out by a method of its own; towards the
-/// stack a failed read gives zeros, which no state of an ESC looks like.
+/// A driver whose bus can fail keeps the fault and reports it by a method of its own. The stack
+/// then sees a failed read as zeros, which is not a valid state of an ESC.
 pub trait Pdi {
     /// Reads `data.len()` bytes from `address` on.
     fn read(&mut self, address: u16, data: &mut [u8]);
@@ -103,7 +103,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         }
     }
 
-    /// Brings registers that move by themselves up to date.
+    /// Updates the registers that change by themselves.
     fn show(&mut self, range: &Range<u16>) {
         let overlaps = |first: u16, end: u16| range.start < end && range.end > first;
         let (esc, now) = (&mut *self.esc, self.now);
@@ -118,7 +118,8 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         }
     }
 
-    /// What reading these registers acknowledges, or writing them if the chip is made so.
+    /// Acknowledges what a read of these registers acknowledges, or a write to them if the chip
+    /// works so.
     fn acknowledge(&mut self, range: &Range<u16>) {
         let overlaps = |first: u16, end: u16| range.start < end && range.end > first;
         let esc = &mut *self.esc;
@@ -150,7 +151,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         let esc = &mut *self.esc;
         match address {
             0x0012 | 0x0013 => {
-                // The station alias.
+                // The station alias changes which datagrams are addressed to this ESC.
                 esc.registers.set_byte(address, value);
                 esc.reach_version = esc.reach_version.wrapping_add(1);
             }
@@ -171,7 +172,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                     esc.eeprom.show(&mut esc.registers);
                 }
             }
-            // Commands; and the clock keeps its own time.
+            // These are commands, or the running clock, which keeps its own time.
             0x0502 | 0x0503 | 0x0510 | 0x0511 | 0x0910..0x0918 => {}
             0x0517 => {
                 let take = value & 1;
@@ -195,7 +196,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         }
     }
 
-    /// Registers 0x09F8 and 0x09FC.
+    /// Updates registers 0x09F8 and 0x09FC.
     fn latch_buffer_times(&mut self, outcome: Access) {
         if outcome.started {
             self.esc.latch_buffer_time(register::PDI_BUFFER_START_TIME, self.now);
@@ -276,7 +277,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
 }
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
-    /// What does not exist or may not be read reads 0.
+    /// Bytes that do not exist or may not be read read 0.
     #[inline]
     fn read(&mut self, address: u16, data: &mut [u8]) {
         if self.esc.read_regular_outputs(address, data) {

@@ -17,42 +17,44 @@ use crate::fmmu::Target;
 use crate::regular::Brought;
 use crate::sync_manager::{Direction, Side};
 
-/// What the caller has to do about a frame that was processed.
+/// What the caller must do about a frame that was processed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Processed {
     /// The frame wrote 0x0900: report its arrival at each port by [`Esc::receive_at_port`].
     pub latch_ports: bool,
-    /// The frame ends here and is not sent on: it circulated behind a broken ring, or it is none of
-    /// EtherCAT and DL control bit 0 forbids others.
+    /// The frame ends here and is not sent on: it circulated behind a broken ring, or it is not an
+    /// EtherCAT frame and DL control bit 0 forbids other frames.
     pub destroyed: bool,
 }
 
 /// A datagram as it passes an ESC, parsed by the caller.
 #[derive(PartialEq, Eq, Debug)]
 pub struct Passing<'a> {
-    /// What it asks.
+    /// The command of the datagram.
     pub command: Command,
-    /// ADP in the low half and ADO in the high half, or a logical address: as it arrives.
+    /// The address as it arrives: ADP in the low half and ADO in the high half, or a logical
+    /// address.
     pub address: u32,
     /// The IRQ field; the ESC adds its events.
     pub irq: u16,
-    /// The working counter; the ESC counts it up.
+    /// The working counter; the ESC increments it.
     pub wkc: u16,
     /// The data; the ESC answers in place.
     pub data: &'a mut [u8],
 }
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
-    /// Passes a frame (without its check sequence) through the EPU: its first preamble bit arrives at
-    /// `start`, the last bit of its check sequence at `end`, and the sequence is `good` or not.
+    /// Passes a frame (without its check sequence) through the EPU. Its first preamble bit arrives
+    /// at `start`, the last bit of its check sequence at `end`; `good` tells whether the sequence
+    /// is correct.
     ///
-    /// All datagrams are answered in place. Bytes written to RAM are there at once; what is written to
-    /// registers and SyncManager buffers comes into force at `end`, if the frame is good: see
-    /// [`Esc::step`]. EtherCAT frames without datagrams pass untouched.
+    /// All datagrams are answered in place. Bytes written to RAM are stored at once. Writes to
+    /// registers and SyncManager buffers come into force at `end`, if the frame is good: see
+    /// [`Esc::step`]. EtherCAT frames without datagrams pass unchanged.
     ///
-    /// A bad frame leaves registers and SyncManagers as they were; the EPU counts it (0x030C), as it
-    /// does a chain of datagrams that is cut off. The counters of the ports are the caller's, who knows
-    /// where the fault came from: [`Esc::count_error`].
+    /// A bad frame leaves registers and SyncManagers as they were. The EPU counts it (0x030C), and
+    /// also counts a chain of datagrams that is cut off. The caller knows where the fault came from
+    /// and counts it at the ports: [`Esc::count_error`].
     pub fn process(
         &mut self,
         frame: &mut [u8],
@@ -60,7 +62,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         end: Time<Device>,
         good: bool,
     ) -> Processed {
-        // Frames pass one after the other: the last one is over, whatever its end was said to be.
+        // Frames pass one after the other, so the last one is over, whatever end was stated for it.
         self.settle(Time::NEVER);
         let marks = self.marks_frames();
         let envelope = match envelope(frame) {
@@ -121,17 +123,19 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         Processed { latch_ports: latch_ports && good, destroyed: false }
     }
 
-    /// A frame arrives at `start`. [`process`](Self::process) in pieces, for a caller that has parsed the
-    /// frame once for many ESCs: `begin_frame`, [`datagram`](Self::datagram) for each of its datagrams in
-    /// their order, [`close_frame`](Self::close_frame). What [`Reach`](crate::Reach) excludes may be left
-    /// out. The caller counts auto-increment addresses, and sees to `marks_frames` and
-    /// `stops_circulating` of [`Reach`](crate::Reach); a chain of datagrams that is cut off is for `process`.
+    /// Begins a frame that arrives at `start`. This splits [`process`](Self::process) for a caller
+    /// that parses the frame once for many ESCs: call `begin_frame`, then
+    /// [`datagram`](Self::datagram) for each datagram in order, then
+    /// [`close_frame`](Self::close_frame). Datagrams that [`Reach`](crate::Reach) excludes may be
+    /// left out. The caller increments auto-increment addresses and handles `marks_frames` and
+    /// `stops_circulating` of [`Reach`](crate::Reach). A frame with a chain of datagrams that is
+    /// cut off needs `process`.
     pub fn begin_frame(&mut self, start: Time<Device>) {
-        // Frames pass one after the other: the last one is over, whatever its end was said to be.
+        // Frames pass one after the other, so the last one is over, whatever end was stated for it.
         self.settle(Time::NEVER);
         self.forget_write_enables();
         self.sync_managers.begin_frame();
-        // All datagrams of a frame show the events that there were when it arrived.
+        // All datagrams of a frame show the events that were set when it arrived.
         let irq = match self.registers.load(register::ECAT_EVENT_MASK) {
             0 => 0,
             mask => mask & self.ecat_events(),
@@ -146,8 +150,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.flight.enabled = [false; 2];
     }
 
-    /// A datagram of the frame that has begun is answered in place. Returns whether it latches the ports'
-    /// receive times, if the frame is good: see [`Processed::latch_ports`].
+    /// Answers a datagram of the frame that has begun, in place. Returns whether the datagram
+    /// latches the ports' receive times, if the frame is good: see [`Processed::latch_ports`].
     pub fn datagram(&mut self, passing: &mut Passing<'_>) -> bool {
         let Passing { command, address, .. } = *passing;
         if command == Command::Nop {
@@ -176,8 +180,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         latches
     }
 
-    /// The last bit of the frame's check sequence, which is `good` or not, arrives at `end`: what it
-    /// wrote waits until then.
+    /// Ends the frame: the last bit of its check sequence, which is `good` or not, arrives at
+    /// `end`. What the frame wrote comes into force then.
     pub fn close_frame(&mut self, end: Time<Device>, good: bool) {
         if !good {
             self.shadow.clear();
@@ -194,7 +198,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let written = !self.shadow.is_empty() || !self.flight.brought.is_none();
         if written || self.sync_managers.is_closing() || events != 0 || latch_read {
             self.flight.acknowledged = events;
-            // What the end of a frame causes, it causes on a tick.
+            // The effects of a frame's end happen on a tick.
             self.flight.end = ceil(end);
         }
         if self.flight.latches {
@@ -202,7 +206,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
-    /// A datagram addressed by position, by station or to everybody; its working counter increment.
+    /// Answers a datagram addressed by position, by station or to all. Returns its working counter
+    /// increment.
     fn physical(&mut self, command: Command, adp: u16, ado: u16, data: &mut [u8]) -> u16 {
         use Command::*;
         let mine = match command {
@@ -226,15 +231,15 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
-    /// Whether this is our station address or our alias.
+    /// Whether this is the ESC's station address or its alias.
     pub(crate) fn is_addressed(&self, adp: u16) -> bool {
         adp == self.registers.load(register::STATION_ADDRESS)
             || adp == self.registers.load(register::STATION_ALIAS)
                 && self.registers.byte(register::DL_CONTROL.address + 3) & 1 != 0
     }
 
-    /// A logical datagram; its working counter increment. Writes go first: they take the data as
-    /// received, also where this ESC replaces it by its own.
+    /// Answers a logical datagram and returns its working counter increment. Writes go first: they
+    /// use the data as received, before this ESC replaces it by its own.
     fn logical(&mut self, command: Command, address: u32, data: &mut [u8]) -> u16 {
         if command == Command::Lrw && self.chip.has(features::NO_LRW) {
             return 0;
@@ -281,7 +286,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         count
     }
 
-    /// Writes where a FMMU alone decides: as a rule into a buffer, whole.
+    /// Writes where one FMMU alone decides; as a rule this is a whole buffer.
     fn write_mapped(&mut self, address: u16, data: &[u8]) -> bool {
         match address {
             PROCESS_RAM.. => self.write_ram(address, data, 0xFF),
@@ -289,7 +294,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
-    /// The same for reading.
+    /// Reads where one FMMU alone decides.
     fn read_mapped(&mut self, address: u16, data: &mut [u8]) -> bool {
         match address {
             PROCESS_RAM.. => {
@@ -334,13 +339,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
-    /// Reads what is there; other bytes of the data stay as they are.
+    /// Reads the bytes that exist; other bytes of the data stay as they are.
     fn read_into(&mut self, address: u16, data: &mut [u8]) -> bool {
         self.ecat_read(address, data.len(), |memory, at| data[at].copy_from_slice(memory))
     }
 
-    /// Reads the old content and writes the data as received, 0x0108 bytes further on if the chip has
-    /// this register. Then what is written may be read by the same datagram: byte by byte, as it comes.
+    /// Reads the old content and writes the data as received. If the chip has register 0x0108, the
+    /// write goes that many bytes further on. The same datagram may then read what it has written,
+    /// byte by byte.
     fn exchange(&mut self, address: u16, data: &mut [u8], merge: impl Fn(&mut u8, u8)) -> u16 {
         if self.chip.has(features::NO_READ_WRITE) {
             return 0;
@@ -368,7 +374,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         u16::from(read) + 2 * u16::from(written)
     }
 
-    /// Reads memory from the wire; `each` gets every run that answers and its place in the data.
+    /// Reads memory from the wire. `each` gets every run that can be read, and its place in the
+    /// data.
     fn ecat_read(
         &mut self,
         address: u16,
@@ -451,7 +458,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     fn write_registers(&mut self, address: u16, data: &[u8], mask: u8) -> bool {
         self.put_brought_aside();
-        // The drift frame as a rule: no byte of it depends on the state of the chip.
+        // This is usually the drift frame: none of its bytes depends on the state of the chip.
         if mask == 0xFF
             && (WRITE_ENABLES..DIGITAL_OUTPUTS).contains(&address)
             && !self.is_protected(address)
@@ -539,8 +546,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 && address != register::REGISTER_WRITE_ENABLE.address
     }
 
-    /// Brings registers that move by themselves up to date before ECAT reads them, and notes which
-    /// ECAT events the read acknowledges.
+    /// Updates the registers that change by themselves before ECAT reads them, and notes which ECAT
+    /// events the read acknowledges.
     #[inline]
     fn show_to_ecat(&mut self, range: Range<u16>) {
         if range.start >= LIVE_END {
@@ -566,8 +573,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
-    /// The event request registers. The upper bytes of 0x0220 belong to the moment in which the
-    /// same side read its first one: a read that leaves it out shows them as they were then.
+    /// Updates the event request registers. The upper bytes of 0x0220 belong to the moment at which
+    /// the same side read its first byte: a read without that byte shows them as they were then.
     pub(crate) fn show_events(&mut self, side: Side, range: &Range<u16>, now: Time<Device>) {
         self.registers.store(register::ECAT_EVENT_REQUEST, self.ecat_events());
         if range.contains(&register::AL_EVENT_REQUEST.address) {
@@ -577,7 +584,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 }
 
-/// Splits an access into bytes of registers and bytes of RAM; what lies beyond 64 KiB is nowhere.
+/// Splits an access into bytes of registers and bytes of RAM; bytes beyond 64 KiB do not exist.
 pub(crate) fn split(address: u16, len: usize) -> (usize, usize) {
     let first = usize::from(address);
     let ram = usize::from(PROCESS_RAM);
@@ -585,8 +592,8 @@ pub(crate) fn split(address: u16, len: usize) -> (usize, usize) {
     (end.min(ram).saturating_sub(first), end.saturating_sub(first.max(ram)))
 }
 
-/// At an automatically closed port 0: a frame that comes for the first time is marked; one that is
-/// marked comes for the second time.
+/// Handles a frame at an automatically closed port 0. On its first pass the frame is marked; a
+/// marked frame is on its second pass.
 fn mark_circulating(payload: &mut [u8]) -> bool {
     let mut layouts = Layouts::new();
     let mut second_time = false;
@@ -597,16 +604,16 @@ fn mark_circulating(payload: &mut [u8]) -> bool {
     second_time
 }
 
-/// Bits of a byte in memory and the bits of the datagram they belong to.
+/// Bits of a byte in memory, with the bits of the datagram that they belong to.
 fn bits_of(mask: u8, data_bit: i64) -> impl Iterator<Item = (u8, usize)> {
     (0..8)
         .filter(move |bit| mask & 1 << bit != 0)
         .filter_map(move |bit| usize::try_from(data_bit + i64::from(bit)).ok().map(|at| (bit, at)))
 }
 
-/// Behind the registers that enable writing, which act within the frame.
+/// First address behind the write enable registers, which act within the frame.
 const WRITE_ENABLES: u16 = 0x0040;
-/// Behind the last register that moves by itself.
+/// First address behind the registers that change by themselves.
 const LIVE_END: u16 = 0x09D0;
 /// First register that a SyncManager of a device without CPU may guard.
 const DIGITAL_OUTPUTS: u16 = 0x0F00;

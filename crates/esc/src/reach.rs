@@ -1,7 +1,7 @@
-//! Which datagrams an ESC can answer: for a caller that leads frames past many ESCs.
+//! Which datagrams an ESC can answer, for a caller that passes frames by many ESCs.
 //!
-//! A datagram that [`Reach::concerns`] excludes changes nothing in the ESC, and the ESC changes nothing in
-//! it but its auto-increment address. The set may be too large, never too small.
+//! A datagram that [`Reach::concerns`] excludes changes nothing in the ESC, and the ESC changes
+//! only its auto-increment address. The set may be too large, but never too small.
 
 use core::ops::Range;
 
@@ -9,21 +9,21 @@ use isocat_wire::{Command, register};
 
 use crate::esc::Esc;
 
-/// What an ESC can be concerned by, as it is in force.
+/// The addresses in force that an ESC answers, and what it does to every frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Reach {
     /// Its station address, register 0x0010.
     pub station: u16,
     /// Its alias, register 0x0012, if DL control switches it on.
     pub alias: Option<u16>,
-    /// Logical addresses from the first to the last that any of its active FMMUs maps; empty if none is.
-    /// One that maps the end of the address space is cut there.
+    /// Logical addresses from the first to the last that any active FMMU maps; empty if no FMMU is
+    /// active. A range up to the end of the address space is cut there.
     pub logical: (u32, u32),
-    /// It adds events to the IRQ field of every datagram: register 0x0200 is not 0.
+    /// The ESC adds events to the IRQ field of every datagram: register 0x0200 is not 0.
     pub adds_events: bool,
-    /// It marks the source address of frames: DL control bit 0.
+    /// The ESC marks the source address of frames: DL control bit 0.
     pub marks_frames: bool,
-    /// Its port 0 is closed by itself: it marks or destroys every frame.
+    /// Port 0 of the ESC is closed by itself: the ESC marks or destroys every frame.
     pub stops_circulating: bool,
 }
 
@@ -33,7 +33,7 @@ impl Reach {
         u64::from(self.logical.0)..u64::from(self.logical.1) + u64::from(self.logical.1 == u32::MAX)
     }
 
-    /// Whether a datagram of `len` data bytes may concern it; `address` as it arrives.
+    /// Whether a datagram of `len` data bytes may concern the ESC; `address` is as it arrives.
     pub fn concerns(&self, command: Command, address: u32, len: usize) -> bool {
         use Command::*;
         let adp = address as u16;
@@ -55,7 +55,7 @@ impl Reach {
 }
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
-    /// What it can be concerned by now. It stays so until [`reach_version`](Self::reach_version) changes.
+    /// The present reach. It is valid until [`reach_version`](Self::reach_version) changes.
     pub fn reach(&self) -> Reach {
         let control = self.register(register::DL_CONTROL);
         let (first, end) = self.fmmus.hull();
@@ -69,13 +69,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
-    /// Counts whatever may have changed the reach; it wraps.
+    /// A counter of all changes that may affect the reach; it wraps.
     pub fn reach_version(&self) -> u32 {
         self.reach_version
     }
 
-    /// Whether the frame in flight, or a temporary setting of the loops, may change the reach by itself; or
-    /// a write enable (0x0020, 0x0030) is set, which ends when any frame comes.
+    /// Whether the reach may change without a further call: by the frame in flight, by a temporary
+    /// setting of the loops, or because a write enable (0x0020, 0x0030) is set, which ends when any
+    /// frame comes.
     pub fn reach_is_changing(&self) -> bool {
         use isocat_wire::Time;
         let enabled = self.registers.byte(register::REGISTER_WRITE_ENABLE.address)
@@ -86,13 +87,13 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 && PAGES.iter().any(|page| self.shadow.touches_page(*page))
     }
 
-    /// DL control bit 0: frames of other protocols are destroyed, and passing ones are marked.
+    /// DL control bit 0: frames of other protocols are destroyed, and EtherCAT frames are marked.
     pub(crate) fn marks_frames(&self) -> bool {
         self.registers.byte(register::DL_CONTROL.address) & 1 != 0
     }
 }
 
-/// Pages of 256 registers that hold something of the reach.
+/// Pages of 256 registers that contain registers of the reach.
 pub(crate) const PAGES: [u16; 4] = [0x0000, 0x0100, 0x0200, 0x0600];
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
-//! What comes in every cycle of regular operation, answered in few steps.
+//! A fast path for the datagrams of every cycle in regular operation.
 //!
-//! A cyclic frame asks three things of an ESC: it brings the system time (FRMW or ARMW of 0x0910), it exchanges process data
-//! (LRW, LRD, LWR), and it collects AL status (BRD of 0x0130). Each is recognized here and answered at once; whatever is not
-//! as usual goes the long way through `process`. Both ways have the same effects to the last register, so that a caller may
-//! switch this one off at any time ([`Esc::set_lane`]) and sees no difference but time.
+//! A cyclic frame has three uses for an ESC: it brings the system time (FRMW or ARMW of 0x0910), it
+//! exchanges process data (LRW, LRD, LWR), and it collects AL status (BRD of 0x0130). This file
+//! recognizes each of them and answers at once; anything unusual takes the slow path through
+//! `process`. Both paths have the same effects to the last register. A caller may switch the fast
+//! path off at any time ([`Esc::set_lane`]) and sees no difference except in speed.
 
 use core::ops::Range;
 
@@ -15,7 +16,8 @@ use crate::esc::{ECAT_AL_STATUS, Esc, EscEvent, Flight};
 use crate::fmmu::Single;
 use crate::sync_manager::Direction;
 
-/// Process data whose FMMUs and SyncManagers are as usual: one of each for a direction, of equal length.
+/// Process data with a usual setup: one FMMU and one SyncManager for each direction, of equal
+/// length.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Areas {
     outputs: Option<Area>,
@@ -32,12 +34,12 @@ struct Area {
 }
 
 impl Area {
-    /// Whether an access of the PDI is to all of it.
+    /// Whether an access of the PDI covers all of it.
     fn is(&self, address: u16, len: usize) -> bool {
         address == self.physical && len == usize::from(self.length)
     }
 
-    /// Its place in a datagram, if the datagram has all of it.
+    /// Its place in a datagram, if the datagram contains all of it.
     fn place(&self, address: u32, len: usize) -> Option<Range<usize>> {
         let from = self.logical.checked_sub(address)? as usize;
         let end = from + usize::from(self.length);
@@ -45,22 +47,22 @@ impl Area {
     }
 }
 
-/// What is known of the [`Areas`].
+/// What is known about the [`Areas`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Known {
-    /// FMMUs or SyncManagers have changed since they were looked for.
+    /// FMMUs or SyncManagers have changed since the last search.
     Nothing,
-    /// They are not as usual.
+    /// The setup is not usual.
     Unusual,
-    /// They are.
+    /// The setup is usual.
     Usual(Areas),
 }
 
-/// The system time that the frame in flight brought, and nothing else was written to registers.
+/// The system time that the frame in flight brought, if the frame wrote no other registers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Brought {
     pub bytes: [u8; 8],
-    /// 4 or 8; 0 if it brought none.
+    /// 4 or 8 bytes; 0 if the frame brought no time.
     pub len: u8,
 }
 
@@ -68,20 +70,21 @@ impl Brought {
     /// No time.
     pub const NONE: Self = Self { bytes: [0; 8], len: 0 };
 
-    /// Whether there is none.
+    /// Whether the frame brought no time.
     pub const fn is_none(&self) -> bool {
         self.len == 0
     }
 }
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
-    /// Whether what comes in every cycle may take the short way; it does unless told otherwise. Nothing but the time that the
-    /// simulation takes depends on it.
+    /// Sets whether cyclic datagrams may take the fast path; the default is yes. Only the computing
+    /// time of the simulation depends on it.
     pub fn set_lane(&mut self, on: bool) {
         self.lane = on;
     }
 
-    /// Answers a datagram that comes in every cycle; its working counter increment. `None`: nothing was done.
+    /// Answers a datagram of regular operation and returns its working counter increment. `None`:
+    /// the datagram needs the slow path, nothing was done.
     #[inline]
     pub(crate) fn regular(
         &mut self,
@@ -110,7 +113,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
-    /// The system time of the reference clock, which every ESC behind it takes as it passes.
+    /// Stores the system time of the reference clock, which every ESC behind it receives in
+    /// passing.
     fn bring_time(&mut self, data: &[u8]) -> Option<u16> {
         let bytes = match *data {
             [a, b, c, d] => [a, b, c, d, 0, 0, 0, 0],
@@ -124,7 +128,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         Some(1)
     }
 
-    /// Something else is written to registers by the same frame: what it brought waits with that.
+    /// The same frame writes other registers: moves the time that it brought into the shadow.
     pub(crate) fn put_brought_aside(&mut self) {
         let Brought { bytes, len } = core::mem::replace(&mut self.flight.brought, Brought::NONE);
         if len > 0 {
@@ -133,7 +137,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
-    /// Process data of both directions, or of one.
+    /// Exchanges process data of both directions, or of one.
     fn exchange_areas(&mut self, command: Command, address: u32, data: &mut [u8]) -> Option<u16> {
         let areas = match self.areas {
             Known::Usual(areas) => areas,
@@ -157,7 +161,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let Self { sync_managers, registers, ram, .. } = self;
         let ram = ram.as_mut();
         let base = usize::from(PROCESS_RAM);
-        // Outputs go first: they are taken as received, where inputs replace them.
+        // Outputs go first: they are taken as received, before inputs replace them.
         if let Some((at, number)) = outputs
             && let Some(place) =
                 sync_managers.ecat_whole(Direction::Write, registers, number.into())
@@ -175,7 +179,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         Some(count)
     }
 
-    /// Looks whether FMMUs and SyncManagers of process data are as usual.
+    /// Returns the areas if FMMUs and SyncManagers of process data have the usual setup.
     fn find_areas(&self) -> Option<Areas> {
         if self.chip.has(features::NO_LRW) {
             return None;
@@ -188,13 +192,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             Some(Some(Area { logical, physical, length, sync_manager: number as u8 }))
         };
         let areas = Areas { outputs: area(Fmmu::WRITE)?, inputs: area(Fmmu::READ)? };
-        // A SyncManager serves one direction: where both FMMUs lead to the same one, the long way decides.
+        // A SyncManager serves one direction: if both FMMUs lead to the same one, the slow path
+        // decides.
         let number = |area: Option<Area>| area.map(|area| area.sync_manager);
         let apart = areas.outputs.is_none() || number(areas.outputs) != number(areas.inputs);
         apart.then_some(areas)
     }
 
-    /// The PDI reads the outputs as a whole. `false`: nothing was done.
+    /// Handles a PDI read of all outputs. `false`: nothing was done.
     #[inline]
     pub(crate) fn read_regular_outputs(&mut self, address: u16, data: &mut [u8]) -> bool {
         let Known::Usual(Areas { outputs: Some(area), .. }) = self.areas else { return false };
@@ -212,7 +217,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         true
     }
 
-    /// The PDI writes the inputs as a whole; whether that triggers the watchdog. `None`: nothing was done.
+    /// Handles a PDI write of all inputs. Returns whether that triggers the watchdog; `None`:
+    /// nothing was done.
     #[inline]
     pub(crate) fn write_regular_inputs(&mut self, address: u16, data: &[u8]) -> Option<bool> {
         let Known::Usual(Areas { inputs: Some(area), .. }) = self.areas else { return None };
@@ -228,7 +234,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         Some(watchdog)
     }
 
-    /// Process RAM answers, and all of it that SyncManagers use is there.
+    /// Whether process RAM can be accessed, and contains every buffer that SyncManagers use.
     #[inline]
     fn is_regular_ram(&self) -> bool {
         let reserved = self.sync_managers.reserved_end().wrapping_sub(PROCESS_RAM.into());
@@ -236,7 +242,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.lane && reserved <= end && self.is_operational()
     }
 
-    /// The end of a frame that brought process data and the system time at most. `None`: it brought more, and nothing was done.
+    /// Ends a frame that brought only process data and the system time. `None`: the frame brought
+    /// more, and nothing was done.
     #[inline]
     pub(crate) fn end_regular_frame(&mut self) -> Option<EscEvent> {
         let Flight { start, end: now, label, brought, acknowledged, .. } = self.flight;

@@ -1,16 +1,16 @@
-//! The receive FIFO of a port: what it does to the time of a frame.
+//! The receive FIFO of a port: how it changes the timing of a frame.
 //!
-//! A port receives in the clock of the transmitter at the other end of its cable, and the ESC works
-//! in its own. Between them stands a FIFO, which hands a frame on when it is half full, at the next
-//! edge of the ESC's own clock: 40 ns for the nibbles of MII (25 MHz), 10 ns for EBUS. So a frame
-//! waits for a part of a period that depends on how the two clocks stand to each other, and that
-//! changes as they run apart: the jitter of a hop. Receive times (0x0900) are taken behind the
-//! FIFO: loops that captures show through couplers and terminals vary by a tick of EBUS at most,
-//! although the coupler receives by MII.
+//! A port receives with the clock of the transmitter at the other end of its cable, and the ESC
+//! works with its own clock. The FIFO between them forwards a frame when it is half full, at the
+//! next edge of the ESC's own clock: 40 ns for the nibbles of MII (25 MHz), 10 ns for EBUS. A frame
+//! therefore waits for a part of a period. That part depends on the phase between the two clocks
+//! and changes as they drift: this is the jitter of a hop. Receive times (0x0900) are taken behind
+//! the FIFO: loops that captures show through couplers and terminals vary by a tick of EBUS at
+//! most, although the coupler receives by MII.
 //!
-//! What is published: 0x0100 bits 18:16 and their delays, bit 19, feature bit 4 (ESC data sheet
-//! section II, DL control), and the nibble clock of MII. What bit 19 makes of the jitter is not:
-//! half of it is our setting.
+//! The published facts are 0x0100 bits 18:16 and their delays, bit 19, feature bit 4 (ESC data
+//! sheet section II, DL control), and the nibble clock of MII. The effect of bit 19 on the jitter
+//! is not published: half of it is this project's setting.
 
 use isocat_wire::register::features;
 use isocat_wire::{Picos, PortNumber};
@@ -22,15 +22,15 @@ use crate::chip::{Chip, PortKind};
 pub struct RxFifo {
     /// Period of the clock that takes frames from an MII port: 40 ns, a nibble at 100 Mbit/s.
     pub mii_period: Picos,
-    /// The same for an EBUS port: 10 ns.
+    /// Period of the clock that takes frames from an EBUS port: 10 ns.
     pub ebus_period: Picos,
-    /// The same while 0x0100 bit 19 asks for low jitter, on chips with feature bit 4. Setting: 5
-    /// ns, both edges.
+    /// Period at an EBUS port while 0x0100 bit 19 asks for low jitter, on chips with feature bit 4.
+    /// This project sets 5 ns, as if both edges of the clock were used.
     pub ebus_period_low_jitter: Picos,
     /// How much earlier a frame leaves an MII port's FIFO, by 0x0100 bits 18:16; 7 is the reset
     /// value and the longest.
     pub mii_reduction: [Picos; 8],
-    /// The same for an EBUS port.
+    /// How much earlier a frame leaves an EBUS port's FIFO, by 0x0100 bits 18:16.
     pub ebus_reduction: [Picos; 8],
 }
 
@@ -49,18 +49,18 @@ impl RxFifo {
         Self { mii_reduction: nanos([80, 80, 40, 40, 0, 0, 0, 0]), ..Self::COMMON };
 }
 
-/// What a port does to the time of the frames that it receives.
+/// How a port changes the timing of the frames that it receives.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Receiver {
-    /// Period of the clock that takes them: they come early or late by half of it at most. 0: no
-    /// jitter.
+    /// Period of the clock that takes frames: they come early or late by half of it at most. 0
+    /// means no jitter.
     pub period: Picos,
-    /// How much earlier they come than at the reset value of the FIFO's size.
+    /// How much earlier frames come than at the reset value of the FIFO size.
     pub reduction: Picos,
 }
 
 impl Chip {
-    /// What this port does with register 0x0100 as given.
+    /// The receiver of this port for the given value of register 0x0100.
     pub fn receiver(&self, port: PortNumber, dl_control: u32) -> Receiver {
         let fifo = &self.rx_fifo;
         let size = (dl_control >> 16 & 0b111) as usize;

@@ -11,14 +11,14 @@ use isocat_wire::register::{self, Register};
 pub(crate) struct Watchdog {
     time: Register<u16>,
     state: State,
-    /// From a restart to the end, as the registers say; `None` is switched off.
+    /// Time from a restart to the expiry, as the registers set it; `None` if switched off.
     span: Option<Nanos>,
     due: Time<Device>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum State {
-    /// What it watches has not happened since power-on: it does not run yet.
+    /// The watched event has not happened since power-on, so it does not run yet.
     Rest,
     /// Runs since its last restart.
     Running(Time<Device>),
@@ -29,12 +29,13 @@ enum State {
 }
 
 impl Watchdog {
-    /// At rest; `time` is the register of its time. It does not watch before [`Self::configure`].
+    /// A watchdog at rest, whose time is in the register `time`. It does not watch before
+    /// [`Self::configure`].
     pub const fn new(time: Register<u16>) -> Self {
         Self { time, state: State::Rest, span: None, due: Time::NEVER }
     }
 
-    /// What it watches has happened.
+    /// Handles the watched event.
     pub fn restart(&mut self, now: Time<Device>) {
         if let Some(span) = self.span {
             self.state = State::Running(now);
@@ -42,8 +43,9 @@ impl Watchdog {
         }
     }
 
-    /// Divider or time have changed. A running watchdog counts them from its last restart, and expires
-    /// at once if that is over; one that was off runs from now on. Time zero forgets an expiry.
+    /// Handles a change of divider or time. A running watchdog counts the new time from its last
+    /// restart, and expires at once if that time is over; one that was off runs from now on. A time
+    /// of zero clears an expiry.
     pub fn configure(&mut self, now: Time<Device>, registers: &Registers) {
         let units = i64::from(registers.load(self.time));
         let unit = (i64::from(registers.load(register::WATCHDOG_DIVIDER)) + 2) * 40;
@@ -59,7 +61,7 @@ impl Watchdog {
         };
     }
 
-    /// It expires now.
+    /// Handles the expiry.
     pub fn expire(&mut self) {
         (self.state, self.due) = (State::Expired, Time::NEVER);
     }
@@ -69,12 +71,12 @@ impl Watchdog {
         self.due
     }
 
-    /// Restarted in time, or switched off.
+    /// Whether it was restarted in time or is switched off.
     pub const fn is_fine(&self) -> bool {
         matches!(self.state, State::Running(_) | State::Off)
     }
 
-    /// Switched off by a time of zero.
+    /// Whether it is switched off by a time of zero.
     pub const fn is_off(&self) -> bool {
         matches!(self.state, State::Off)
     }

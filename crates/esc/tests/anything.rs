@@ -1,4 +1,5 @@
-//! Arbitrary frames and arbitrary accesses of the PDI. The fuzz targets in `fuzz/` tell the same stories.
+//! Arbitrary frames and arbitrary accesses of the PDI. The fuzz targets in `fuzz/` run the same
+//! stories.
 
 mod checking;
 

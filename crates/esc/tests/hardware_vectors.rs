@@ -1,8 +1,9 @@
-//! What real chips were seen to do, in captures of TwinCAT, SOEM and ethercrab on segments of ET1100,
-//! ET1200, LAN9252 and IP cores. Each test is one observation, by its number in the project's list.
+//! Observations of real chips, from captures of TwinCAT, SOEM and ethercrab on segments of ET1100,
+//! ET1200, LAN9252 and IP cores. Each test is one observation, named by its number in the project's
+//! list.
 //!
-//! Segments are put together by hand: a frame is passed from one ESC to the next, and the instants at
-//! which it arrives are written down here, from the delays of the chips.
+//! Segments are assembled by hand: a frame is passed from one ESC to the next, and its arrival
+//! times are computed here from the delays of the chips.
 
 use isocat_esc::chip::PortKind;
 use isocat_esc::{
@@ -21,19 +22,19 @@ use isocat_wire::{
     Time, sii,
 };
 
-/// A CPU behind the PDI, SYNC and latch units on.
+/// SII word 0: a CPU behind the PDI, SYNC and latch units on.
 const WITH_DC: u16 = 0x0E80;
-/// Digital I/O, the ESC emulates the device, DC units off.
+/// SII word 0: digital I/O, the ESC emulates the device, DC units off.
 const SIMPLE: u16 = 0x0104;
-/// A CPU behind the PDI, DC units off.
+/// SII word 0: a CPU behind the PDI, DC units off.
 const WITHOUT_DC: u16 = 0x0280;
 
 /// One ESC of a segment.
 struct Station {
     esc: Esc<Vec<u8>>,
-    /// When a frame arrives at its port 0, after its arrival at the first one; ns.
+    /// Time from the arrival of a frame at the first ESC to its arrival at port 0 of this one, ns.
     lag: u64,
-    /// When it comes back at port 1, likewise.
+    /// Time from the arrival at the first ESC to the return at port 1, ns.
     back: Option<u64>,
 }
 
@@ -51,7 +52,8 @@ impl Station {
         Self { esc, lag: 0, back: None }
     }
 
-    /// The same with its local time at `local` when a frame arrives that the segment gets at `START`.
+    /// The same ESC, whose local time is `local` when the frame that the segment gets at `START`
+    /// arrives.
     fn with_times(mut self, lag: u64, back: Option<u64>, local: u64) -> Self {
         // The clock counts ticks of 10 ns.
         let local = local.wrapping_sub((START + lag) / 10 * 10);
@@ -65,10 +67,10 @@ impl Station {
     }
 }
 
-/// When the segment gets its first frame.
+/// The instant at which the segment gets its first frame.
 const START: u64 = 100_000;
 
-/// What came back of a datagram.
+/// The answer to one datagram.
 #[derive(Debug, PartialEq)]
 struct Answer {
     adp: u16,
@@ -91,7 +93,7 @@ impl Segment {
         Self::new(vec![Station::new(chip, word_0, 1)])
     }
 
-    /// Sends a frame through all and lets it end everywhere.
+    /// Sends a frame through all ESCs and handles its end everywhere.
     fn frame(&mut self, list: &[(Command, Address, &[u8])]) -> Vec<Answer> {
         let mut buffer = [0; MAX_LEN];
         let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);
@@ -165,9 +167,10 @@ impl Segment {
     }
 }
 
-/// EK1100 with an ET1100, a terminal with an ET1200 whose DC units are off, one with an ET1100.
-/// Arrivals from the delays of the chips over EBUS, which has no PHYs and here no cables: down by a
-/// processing pass each, back up the last one's processing and then forwarding.
+/// An EK1100 with an ET1100, a terminal with an ET1200 whose DC units are off, and one with an
+/// ET1100. Arrivals follow from the delays of the chips over EBUS, which has no PHYs; there are no
+/// cables here. On the way down each chip adds a processing pass; on the way back the last one
+/// processes and the others forward.
 fn bus_coupler() -> Segment {
     let process = ET1100.processing_delay.0 as u64 / 1000;
     let forward = ET1100.forwarding_delay.0 as u64 / 1000;
@@ -181,7 +184,7 @@ fn bus_coupler() -> Segment {
     ])
 }
 
-/// Two LAN9252 with a metre of cable between them, 5 ns each way.
+/// Two LAN9252 with a cable of one metre between them, 5 ns each way.
 fn two_lan9252() -> Segment {
     let process = LAN9252.processing_delay.0 as u64 / 1000;
     let phys = 2 * LAN9252.port_delay(PortNumber::P1).0 as u64 / 1000;
@@ -217,7 +220,7 @@ fn vector_03_receive_times_over_ebus() {
     assert_eq!(second, [0x3D0B_D6AE, 0x3D0B_D7E4]);
     let [first, second] = [first, second].map(|[t0, t1]| t1 - t0);
     assert_eq!([first, second], [600, 310]);
-    // The delays that TwinCAT wrote: half of what is left of a loop without the next one.
+    // These are the delays that TwinCAT wrote: half of the loop without the next device's part.
     assert_eq!([(first - second) / 2, (first - second) / 2 + second / 2], [145, 300]);
 }
 
@@ -239,14 +242,14 @@ fn vector_05_the_epu_receives_what_port_0_receives() {
             let port = segment.read(position, register::RECEIVE_TIME_0);
             assert_ne!(port, 0);
             let epu = segment.aprd(position, 0x0918, 8);
-            // The ET1200 in the middle has no such register.
+            // The ET1200 in the middle does not have this register.
             if epu.wkc == 1 {
                 assert_eq!(epu.data[..4], port.to_le_bytes(), "{position}");
             } else {
                 assert_eq!(position, 1);
             }
         }
-        // Other receive times of a later frame.
+        // A later frame gives other receive times.
         segment.wait(1_000_000);
         let before = segment.read(0, register::RECEIVE_TIME_EPU) as u32;
         assert_eq!(segment.bwr(0x0900, &[0]), segment.stations.len() as u16);
@@ -264,7 +267,7 @@ fn vector_06_an_et1200_with_its_dc_units_off() {
     for ado in [0x0910, 0x0918, 0x0920, 0x0928, 0x092C, 0x0981, 0x0990, 0x09A0] {
         assert_eq!((segment.brd(ado, 1).wkc, segment.bwr(ado, &[0])), (0, 0), "{ado:#06x}");
     }
-    // The same chip with the units on has them all, but 0x0918 and 0x092C are read-only.
+    // The same chip with the units on has all of them, but 0x0918 and 0x092C are read-only.
     let mut segment = Segment::one(&ET1200, WITH_DC);
     for ado in [0x0910, 0x0918, 0x0920, 0x0928, 0x092C, 0x0981, 0x0990, 0x09A0] {
         assert_eq!(segment.brd(ado, 1).wkc, 1, "{ado:#06x}");
@@ -313,7 +316,7 @@ fn vector_09_the_reference_time_passes_a_device_without_clock() {
     let answer = segment.send(Command::Frmw, address, &[0; 8]);
     assert_eq!((answer.wkc, answer.adp), (2, 0x1001));
     assert_eq!(answer.data, expected.to_le_bytes());
-    // The last one has followed, and says how far away it is; it was wrong by far.
+    // The last one follows the reference and shows its difference, which was large.
     let difference = segment.read(2, register::SYSTEM_TIME_DIFFERENCE);
     assert_ne!(difference.0 & 0x7FFF_FFFF, 0);
     assert_eq!(segment.read(0, register::SYSTEM_TIME_DIFFERENCE).0, 0);
@@ -330,7 +333,7 @@ fn vector_10_one_state_request_at_a_time() {
     assert_eq!(segment.bwr(0x0120, &[0x12, 0]), 0);
     let now = segment.now;
     for station in 0..2 {
-        // The firmware of one after the other reads the register: it takes part again.
+        // The firmware of each device in turn reads the register; then the device takes part again.
         let asked = segment.stations[station].pdi(now).load(register::AL_CONTROL);
         assert_eq!(asked, AlControl(0x11));
         assert_eq!(segment.bwr(0x0120, &[0x11, 0]), 1);
@@ -348,7 +351,7 @@ fn vector_11_an_emulated_device_mirrors_the_request() {
         assert_eq!(segment.bwr(0x0120, &u16::to_le_bytes(asked)), 1);
         assert_eq!(segment.read(0, register::AL_STATUS), AlStatus(asked));
     }
-    // A device with a CPU does not.
+    // A device with a CPU does not mirror AL control.
     let mut segment = Segment::one(&ET1100, WITH_DC);
     segment.bwr(0x0120, &[0x12, 0]);
     assert_eq!(segment.read(0, register::AL_STATUS), AlStatus(1));
@@ -375,7 +378,7 @@ fn vector_13_the_eeprom_status() {
         segment.wait(1_000_000);
         assert_eq!(segment.read(0, register::EEPROM_STATUS).0, idle);
     }
-    // A write, and another before the memory has burnt the first.
+    // A second write comes before the memory has burnt the first.
     let mut segment = Segment::one(&ET1100, WITH_DC);
     segment.apwr(0, 0x0508, &[0x34, 0x12]);
     segment.apwr(0, 0x0502, &[0x01, 0x02, 0x04, 0, 0, 0]);
@@ -384,7 +387,7 @@ fn vector_13_the_eeprom_status() {
     segment.apwr(0, 0x0502, &[0x01, 0x02, 0x05, 0, 0, 0]);
     segment.wait(1_000_000);
     assert_eq!(segment.read(0, register::EEPROM_STATUS).0, 0x2040);
-    // TwinCAT tries again until it works.
+    // TwinCAT repeats the command until it works.
     segment.wait(10_000_000);
     segment.apwr(0, 0x0502, &[0x01, 0x02, 0x05, 0, 0, 0]);
     segment.wait(1_000_000);
@@ -420,7 +423,7 @@ fn vector_15_the_irq_field() {
     assert_eq!(segment.brd(0x0130, 2).irq, 0);
     assert_eq!(segment.bwr(0x0200, &[0x04, 0x00]), 2);
     assert_eq!(segment.brd(0x0130, 2).irq, 0x0004);
-    // The high byte of DL status is enough, but both have to be read.
+    // Reading the high byte of DL status is enough, but both statuses must be read.
     segment.aprd(0, 0x0111, 1);
     assert_eq!(segment.brd(0x0130, 2).irq, 0x0004);
     segment.aprd(1, 0x0111, 1);
@@ -454,7 +457,7 @@ fn vector_16_mailbox_status() {
     segment.stations[0].pdi(now).write(0x1080, &[2; 128]);
     assert_eq!(segment.read(0, sm1), 0x09);
     segment.send(Command::Fprd, station(0x1080), &[0; 128]);
-    // The CPU sees that it was read by opening the buffer for the next message.
+    // The CPU opens the buffer for the next message, which acknowledges that the mailbox was read.
     let now = segment.now;
     segment.stations[0].pdi(now).write(0x1080, &[0]);
     assert_eq!(segment.read(0, sm1), 0x80);
@@ -471,7 +474,7 @@ fn vector_17_an_empty_mailbox() {
     assert_eq!((answer.wkc, answer.data), (1, vec![7; 2]));
 }
 
-/// Through the mailboxes as TwinCAT uses them: what there is to say, and the last byte, in one frame.
+/// TwinCAT uses the mailboxes in this way: the message, and the last byte, in one frame.
 #[test]
 fn vector_18_an_sdo_upload() {
     let mut segment = mailboxes();

@@ -1,7 +1,9 @@
-//! A MainDevice on a network interface, with `isocat-host` alone: way up, an application on the cycle, an object read meanwhile, way down.
+//! A MainDevice on a network interface, with `isocat-host` alone: it starts up, runs an application
+//! in the cycle, reads an object meanwhile, and shuts down.
 //!
-//! `sudo target/release/examples/03_own_interface eth0 [CPU]`, with SubDevices behind `eth0`; ends after 2 s or by Ctrl-C.
-//! Without hardware, `isocat serve --setup-veth lab` gives a segment: see `tests/interop/examples.sh`.
+//! `sudo target/release/examples/03_own_interface eth0 [CPU]`, with SubDevices behind `eth0`; ends
+//! after 2 s or by Ctrl-C. Without hardware, `isocat serve --setup-veth lab` gives a segment: see
+//! `tests/interop/examples.sh`.
 
 use std::time::{Duration, Instant};
 
@@ -20,7 +22,7 @@ impl Application for Copy {
         for mut device in cycle.devices() {
             match device.is_fresh() {
                 true => device.copy_inputs_to_outputs(),
-                // Lost or late: the outputs stay as they are.
+                // The frame was lost or late: the outputs stay as they are.
                 false => self.stale += u64::from(!device.inputs().is_empty()),
             }
         }

@@ -1,6 +1,7 @@
-//! How long the calls of a MainDevice take on a wire that lies: `cargo run --release -p isocat-host --example hostile_wire
-//! [SEEDS] [FIRST]`. The stories are those of the MainDevice's own test; here they are timed, in time that this thread has a
-//! processor, some 0.2 us for the measurement itself included.
+//! How long the calls of a MainDevice take on a hostile wire: `cargo run --release -p isocat-host
+//! --example hostile_wire [SEEDS] [FIRST]`. The stories are those of the MainDevice's own test.
+//! Here they are timed in CPU time of this thread, which includes some 0.2 us for the measurement
+//! itself.
 
 use rustix::time::{ClockId, clock_gettime};
 
@@ -16,14 +17,14 @@ mod run;
 
 use run::{Call, End, Meter, Story};
 
-/// The longest call of each kind, ns, and calls by the power of two of their time.
+/// The longest call of each kind, ns, and the number of calls by the power of two of their time.
 #[derive(Default)]
 struct Stopwatch {
     longest: [u64; 3],
     calls: [[u64; 32]; 3],
 }
 
-/// Time that this thread had a processor, ns.
+/// CPU time of this thread, ns.
 fn now() -> u64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64

@@ -1,4 +1,4 @@
-//! The host's clock, and instants that the kernel stamped with another one.
+//! The host's clock, and instants that the kernel stamped with another clock.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use rustix::time::{ClockId, clock_gettime};
 
 use super::sys;
 
-/// `CLOCK_MONOTONIC`, ns.
+/// The present host time: `CLOCK_MONOTONIC`, ns.
 pub fn now() -> Time<Host> {
     Time::new(read(ClockId::Monotonic))
 }
@@ -18,20 +18,22 @@ pub fn wall_offset() -> i64 {
     read(ClockId::Realtime).wrapping_sub(now().count()) as i64
 }
 
-/// Sleeps until an instant. A signal ends it early, so the caller looks at the clock again.
+/// Sleeps until an instant. A signal may end the sleep early, so the caller must check the clock
+/// again.
 pub fn sleep_until(at: Time<Host>) {
     sys::sleep_until(Duration::from_nanos(at.count()));
 }
 
-/// Turns the kernel's stamps, which show `CLOCK_REALTIME`, into host time. How long ago a stamp was is what
-/// both clocks agree on, so a step of the wall clock harms at most the frames that wait at that moment:
-/// an age that can't be is taken for none.
+/// Turns the kernel's stamps, which show `CLOCK_REALTIME`, into host time. Both clocks agree on the
+/// age of a stamp, so a step of the wall clock harms at most the frames that wait at that moment:
+/// an impossible age counts as zero.
 #[derive(Debug)]
 pub(super) struct Stamps {
     last: Time<Host>,
 }
 
-/// No frame waits for longer without the process being dead to the world.
+/// The longest plausible age of a stamp: a frame waits longer only if the whole process stands
+/// still.
 const MOST_AGE: Nanos = Nanos(1_000_000_000);
 
 impl Stamps {
@@ -39,7 +41,7 @@ impl Stamps {
         Self { last: Time::ZERO }
     }
 
-    /// The instant of a stamp; never before that of the frame before.
+    /// The instant of a stamp, but never before that of the frame before.
     pub fn instant(&mut self, stamp: Option<Duration>) -> Time<Host> {
         let wall = read(ClockId::Realtime);
         let now = now();
@@ -69,7 +71,7 @@ mod tests {
         let wall = 1_700_000_000_000_000_000;
         assert_eq!(stamps.at(Some(wall - 700), wall, Time::new(5_000)), Time::new(4_300));
         assert_eq!(stamps.at(None, wall, Time::new(5_100)), Time::new(5_100));
-        // Out of order, as two processors may stamp.
+        // Stamps are out of order if two processors make them.
         assert_eq!(stamps.at(Some(wall - 900), wall, Time::new(5_200)), Time::new(5_100));
     }
 

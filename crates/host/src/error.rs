@@ -1,58 +1,58 @@
-//! What can go wrong with an interface, in words that say what to do.
+//! Errors of an interface, in words that say what to do.
 
 use std::fmt;
 use std::io;
 
-/// An interface that can't be used.
+/// An interface cannot be used.
 #[derive(Debug)]
 pub enum LinkError {
-    /// The process may not do it.
+    /// The process lacks a permission.
     Permission {
-        /// What it wanted.
+        /// What the process tried.
         what: String,
-        /// What it lacks, as `setcap` names it.
+        /// The capability that it lacks, as `setcap` names it.
         capability: &'static str,
     },
-    /// There is no interface of that name.
+    /// There is no interface with that name.
     Unknown {
         /// The name.
         name: String,
-        /// Those that there are.
+        /// The interfaces that exist.
         known: Vec<String>,
     },
-    /// The interface is down, or has gone.
+    /// The interface is down, or does not exist any more.
     Down(String),
-    /// A name that no pair of interfaces can have.
+    /// No pair of interfaces can have this name.
     Name(String),
-    /// A namespace of that name is there and is not ours.
+    /// A namespace with that name exists and was not made by this program.
     Namespace(String),
-    /// There is no network namespace of that name.
+    /// There is no network namespace with that name.
     UnknownNamespace(String),
     /// The command `ip` failed.
     Ip {
-        /// As it was called.
+        /// The command with its arguments.
         command: String,
-        /// What it said.
+        /// Its error output, or why it could not be started.
         message: String,
     },
-    /// Anything else that the system refuses.
+    /// Any other error of the system.
     Os {
         /// What was being done.
         what: &'static str,
-        /// To which interface.
+        /// The interface.
         name: String,
-        /// What the system says.
+        /// The system's error.
         error: io::Error,
     },
 }
 
 impl LinkError {
-    /// Of something that was done to an interface.
+    /// The error of an operation on an interface.
     pub(super) fn os(what: &'static str, name: &str, error: io::Error) -> Self {
         Self::needing("cap_net_raw", what, name, error)
     }
 
-    /// Of entering a network namespace.
+    /// The error of entering a network namespace.
     pub(super) fn entering(namespace: &str, error: io::Error) -> Self {
         let capabilities = "cap_net_raw,cap_sys_admin";
         Self::needing(capabilities, "entering the network namespace", namespace, error)
@@ -68,7 +68,7 @@ impl LinkError {
     }
 
     pub(super) fn unknown_interface(name: &str) -> Self {
-        // Of this thread's namespace, which /sys need not be.
+        // The table must be that of this thread's namespace; /sys may show another one.
         let text = std::fs::read_to_string("/proc/thread-self/net/dev").unwrap_or_default();
         let known = text.lines().skip(2).filter_map(|line| line.split_once(':'));
         Self::Unknown {

@@ -1,7 +1,8 @@
 //! The loop: a MainDevice, its interface, and the host's clock.
 //!
-//! In a cycle of one frame there are four system calls: sleep, send, poll, receive. Nothing is allocated once
-//! the segment is in operation. Frames of a cycle are sent back to back before anything is received.
+//! A cycle of one frame takes four system calls: sleep, send, poll, receive. Nothing is allocated
+//! once the segment is in operation. All frames of a cycle are sent back to back before any is
+//! received.
 
 use isocat_maindevice::{Application, Config, Event, FRAME_LEN, MainDevice, Port, Runner};
 use isocat_wire::time::{Host, Nanos, Time};
@@ -13,16 +14,16 @@ pub struct Exchange<A> {
     runner: Runner<A>,
     link: Link,
     outgoing: Box<[u8; FRAME_LEN]>,
-    /// Cycles begun, as of the last frame sent.
+    /// Number of cycles begun when the last frame was sent.
     begun: u64,
-    /// When the last frame of ours came back, and how many cycles had begun then.
+    /// The instant at which the last own frame came back, and the number of cycles begun by then.
     heard: (Time<Host>, u64),
-    /// Somebody may have asked something of the MainDevice since the last step.
+    /// A caller may have asked something of the MainDevice since the last step.
     asked: bool,
 }
 
 impl<A: Application> Exchange<A> {
-    /// Begins the way up.
+    /// Begins the start-up of the segment.
     pub fn new(
         config: Config,
         socket: RawSocket,
@@ -42,8 +43,8 @@ impl<A: Application> Exchange<A> {
         }
     }
 
-    /// Lets the next thing happen: a frame comes, frames leave, or `limit` is reached. False if the
-    /// MainDevice has nothing more to do; events are to be taken after each step.
+    /// Waits for the next event: a frame arrives, frames leave, or `limit` is reached. Returns
+    /// false if the MainDevice has nothing more to do. Take the events after each step.
     pub fn step(&mut self, limit: Time<Host>) -> Result<bool, LinkError> {
         if std::mem::take(&mut self.asked) {
             self.transmit()?;
@@ -69,12 +70,12 @@ impl<A: Application> Exchange<A> {
         self.runner.poll_event()
     }
 
-    /// Begins or ends the time in which punctuality is measured.
+    /// Starts or ends the measurement of punctuality.
     pub fn measure(&mut self, on: bool) {
         self.link.measure(on);
     }
 
-    /// The MainDevice, to ask something of it.
+    /// The MainDevice, for requests to it.
     pub fn main_mut(&mut self) -> &mut MainDevice {
         self.asked = true;
         self.runner.main_mut()
@@ -100,29 +101,30 @@ impl<A: Application> Exchange<A> {
         self.link.figures()
     }
 
-    /// Whether frames of some cycles left since the last one came back, and that was longer ago than
-    /// `span`. A program that was stopped itself has heard nothing either, but sent nothing.
+    /// Whether frames of several cycles have left since the last frame came back, and that was
+    /// longer ago than `span`. A program that was itself stopped has not received anything either,
+    /// but it has sent nothing.
     pub fn is_silent(&self, span: Nanos) -> bool {
         let (at, cycle) = self.heard;
         clock::now() - at > span && self.begun >= cycle + SILENT_CYCLES
     }
 
-    /// The end: the application and the recorder are given back.
+    /// Ends the loop and returns the application and the recorder.
     pub fn into_parts(self) -> (A, Option<Recorder>) {
         (self.runner.into_parts().1, self.link.into_recorder())
     }
 
-    /// Waits until an instant or a frame; tells whether a frame may be there.
+    /// Waits until an instant or a frame. Returns whether a frame may have arrived.
     fn wait(&mut self, until: Time<Host>) -> Result<bool, LinkError> {
         let expects = self.main().frames_in_flight() > 0;
         let is_cycle = self.main().next_cycle() == Some(until);
         self.link.wait(until, expects, is_cycle)
     }
 
-    /// Takes what is there, until nothing more is expected.
+    /// Takes the frames that have arrived, until no more are expected.
     fn receive(&mut self) -> Result<(), LinkError> {
         for _ in 0..MOST_AT_ONCE {
-            // Before there is a cycle to keep, the frames come as fast as they go.
+            // Before the cycle starts, frames are sent as fast as they return.
             let patient = self.main().next_cycle().is_none();
             let Some(arrival) = self.link.receive(patient)? else { break };
             if arrival.is_too_late {
@@ -133,7 +135,7 @@ impl<A: Application> Exchange<A> {
             self.runner.handle_frame(Port::Primary, now, self.link.frame(arrival));
             let after = self.main().statistics();
             if after.frames_received == before.frames_received {
-                // It is none of the MainDevice's, or came too late.
+                // The frame does not belong to the MainDevice, or came too late.
                 self.link.foreign(arrival, after.frames_echoed > before.frames_echoed);
             } else {
                 self.heard = (now, self.begun);
@@ -146,7 +148,7 @@ impl<A: Application> Exchange<A> {
         Ok(())
     }
 
-    /// Sends everything that is to leave now.
+    /// Sends everything that is due now.
     fn transmit(&mut self) -> Result<(), LinkError> {
         loop {
             let due = self.main().next_cycle();
@@ -166,9 +168,10 @@ impl<A: Application> Exchange<A> {
     }
 }
 
-/// A signal may come to another thread; so often the loop looks.
+/// Longest wait between two checks: a signal may be delivered to another thread.
 const LONGEST_WAIT: Nanos = Nanos::millis(50);
-/// Frames taken before it is time to look whether some are to leave: nobody can talk us down.
+/// Largest number of frames taken before the loop sends again, so that a flood cannot block
+/// sending.
 const MOST_AT_ONCE: usize = 64;
-/// So many cycles without an answer are no accident.
+/// This many cycles without an answer are not an accident.
 const SILENT_CYCLES: u64 = 5;

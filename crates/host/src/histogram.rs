@@ -1,9 +1,11 @@
-//! A series of spans, kept as counts: any number of values in the same room, without allocation.
+//! A series of time spans, kept as counts: any number of values in fixed memory, without
+//! allocation.
 
 use isocat_maindevice::statistics::Summary;
 use isocat_wire::time::Nanos;
 
-/// Counts of spans by size, each size known to one part in eight; least, largest and mean are exact.
+/// Counts of time spans by size. Each size is known to one part in eight; least, largest and mean
+/// are exact.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Histogram {
     summary: Summary,
@@ -23,13 +25,13 @@ impl std::fmt::Debug for Histogram {
 }
 
 impl Histogram {
-    /// Takes a value; one below zero is counted with the zeros.
+    /// Adds a value; a negative one is counted as zero.
     pub fn add(&mut self, span: Nanos) {
         self.summary.add(span);
         self.counts[slot(span.0.max(0) as u64)] += 1;
     }
 
-    /// Values taken.
+    /// Number of values.
     pub fn count(&self) -> u64 {
         self.summary.count
     }
@@ -49,7 +51,7 @@ impl Histogram {
         self.summary.max
     }
 
-    /// The size that `percent` of the values do not exceed, rounded up to the next that is told apart; 0
+    /// The size that `percent` of the values do not exceed, rounded up to the end of its slot; 0
     /// without values.
     pub fn percentile(&self, percent: u8) -> Nanos {
         let wanted = (self.summary.count * u64::from(percent)).div_ceil(100);
@@ -63,8 +65,8 @@ impl Histogram {
         self.largest()
     }
 
-    /// How many values do not exceed each of these sizes, which rise, and exceed the one before; the
-    /// last count is of those beyond all. A value within the room of a slot goes with the slot's end.
+    /// The number of values up to each limit and above the one before; limits must rise. The last
+    /// count is of the values beyond all limits. A value is counted by the end of its slot.
     pub fn buckets<const N: usize>(&self, limits: [Nanos; N]) -> ([u64; N], u64) {
         let (mut within, mut beyond) = ([0; N], 0);
         for (slot, count) in self.counts.iter().enumerate() {
@@ -77,12 +79,12 @@ impl Histogram {
     }
 }
 
-/// Slots to each doubling.
+/// Number of slots in each doubling.
 const PARTS: u64 = 8;
-/// Up to 2^40 ns, 18 minutes; what is longer goes with the last.
+/// Slots up to 2^40 ns, 18 minutes; longer spans count in the last one.
 const SLOTS: usize = 39 * PARTS as usize;
 
-/// The slot of a value: below 16 one each, then eight to a doubling.
+/// The slot of a value: values below 16 have one each, larger ones eight to a doubling.
 fn slot(value: u64) -> usize {
     let doubling = u64::from(value.max(PARTS).ilog2()) - PARTS.ilog2() as u64;
     let slot = doubling * PARTS + (value >> doubling);

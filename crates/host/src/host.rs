@@ -1,8 +1,9 @@
-//! The whole of it for a program: a MainDevice with its application on a thread of its own, and calls that block the caller and never
-//! the cycle.
+//! The complete host for a program: a MainDevice with its application on its own thread, and calls
+//! that block the caller but never the cycle.
 //!
-//! The thread asks for real time ([`RealTime`]), measures how late it wakes, and runs the loop ([`Exchange`]). Calls of the caller
-//! travel to it through a queue that it looks at once in each step, without waiting.
+//! The thread asks for real time ([`RealTime`]), measures how late it wakes, and runs the loop
+//! ([`Exchange`]). Calls of the caller reach it through a queue, which it checks in each step
+//! without waiting.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -26,7 +27,7 @@ use crate::{
     Exchange, Figures, LinkError, RawSocket, RealTime, Recorder, Waiting, Wish, clock, preflight,
 };
 
-/// An open interface, before anything was sent.
+/// An open interface, before any frame is sent.
 ///
 /// ```no_run
 /// use isocat_host::{Config, Cycle, Host, Nanos};
@@ -57,32 +58,33 @@ impl Host {
         Ok(Self::on(RawSocket::open(interface, None)?))
     }
 
-    /// Takes an interface that is open.
+    /// Uses an interface that is already open.
     pub fn on(socket: RawSocket) -> Self {
         Self { socket, wish: Wish::default(), recorder: None }
     }
 
-    /// The loop stays on this CPU.
+    /// Keeps the loop on this CPU.
     pub fn pinned(mut self, cpu: usize) -> Self {
         self.wish.cpu = Some(cpu);
         self
     }
 
-    /// The loop never sleeps: punctual on machines that wake late, for a CPU of its own.
+    /// Makes the loop never sleep. It is then punctual on machines that wake late, but needs a CPU
+    /// of its own.
     pub fn busy(mut self) -> Self {
         self.wish.busy = true;
         self
     }
 
-    /// Every frame goes to this recorder; [`Ended::recorder`] gives it back, to be finished.
+    /// Sends every frame to this recorder. [`Ended::recorder`] returns it, to be finished.
     pub fn recording(mut self, recorder: Recorder) -> Self {
         self.recorder = Some(recorder);
         self
     }
 
-    /// Begins the way up, on a thread of its own. The application's calls come from that thread.
+    /// Starts the MainDevice on its own thread. The application is called from that thread.
     ///
-    /// The config is taken as [`on_a_socket`] has it: time stamps of a socket are not exact.
+    /// The config is changed as by [`on_a_socket`], since time stamps of a socket are not exact.
     pub fn start<A: Application + Send + 'static>(
         self,
         config: Config,
@@ -96,53 +98,55 @@ impl Host {
     }
 }
 
-/// A MainDevice at work on its own thread.
+/// A MainDevice that runs on its own thread.
 ///
-/// - Waiting: [`until_operation`](Self::until_operation), [`until_signal`](Self::until_signal), [`event`](Self::event).
-/// - Requests, answered while the cycle goes on: [`upload`](Self::upload), [`download`](Self::download),
-///   [`read_memory`](Self::read_memory).
-/// - A look inside: [`look`](Self::look), [`segment`](Self::segment), [`statistics`](Self::statistics).
-/// - The end: [`stop`](Self::stop). If it is dropped instead, the thread takes the segment down
-///   by itself, and the caller does not wait for that.
+/// - Waiting: [`until_operation`](Self::until_operation), [`until_signal`](Self::until_signal),
+///   [`event`](Self::event).
+/// - Requests, answered while the cycle goes on: [`upload`](Self::upload),
+///   [`download`](Self::download), [`read_memory`](Self::read_memory).
+/// - A look inside: [`look`](Self::look), [`segment`](Self::segment),
+///   [`statistics`](Self::statistics).
+/// - The end: [`stop`](Self::stop). If the value is dropped instead, the thread shuts the segment
+///   down by itself, and the caller does not wait for that.
 ///
-/// Once the loop has ended, every call gives the error that ended it.
+/// Once the loop has ended, every call returns the error that ended it.
 #[derive(Debug)]
 pub struct Running<A> {
     thread: Option<JoinHandle<Finish<A>>>,
     wishes: SyncSender<Order<A>>,
     events: Receiver<Event>,
-    /// Events that were waited past.
+    /// Events that arrived while another one was awaited.
     seen: VecDeque<Event>,
     ended: Option<Finish<A>>,
 }
 
-/// What is left of a MainDevice that took its segment down.
+/// The results of a MainDevice that has shut its segment down.
 #[derive(Debug)]
 pub struct Ended<A> {
     /// The application.
     pub application: A,
-    /// Counts.
+    /// The counters of the MainDevice.
     pub statistics: Statistics,
-    /// How punctual the machine was in operation.
+    /// Punctuality of the machine in operation.
     pub figures: Figures,
     /// What the machine granted and refused for real time.
     pub granted: Vec<String>,
-    /// What was refused, each with what to do about it.
+    /// What was refused, each with advice.
     pub refused: Vec<String>,
-    /// SubDevices that were not in OP when the way down began: position, AL status and AL status
-    /// code. Empty if all were.
+    /// SubDevices that were not in OP when the shutdown began: position, AL status and AL status
+    /// code. Empty if all were in OP.
     pub fallen: Vec<(usize, AlStatus, AlStatusCode)>,
     /// The recorder, to be finished.
     pub recorder: Option<Recorder>,
 }
 
-/// The thread's end: what is left, and why if it was not asked for.
+/// The result of the thread, and the error if it ended without request.
 type Finish<A> = (Ended<A>, Option<Error>);
 
-/// A config for a socket of an ordinary Linux machine. Where it has the defaults of a machine with
-/// exact time stamps, it gets what such a socket needs: some 10 us of noise in the stamps
-/// ([`Config::stamp_noise`], at most a twentieth of the cycle), and 20 ms until a frame is given
-/// up, since a machine that stalls has not lost it.
+/// A config for a socket of an ordinary Linux machine. Where it has the defaults for exact time
+/// stamps, it gets the values that such a socket needs. The stamps have some 10 us of noise
+/// ([`Config::stamp_noise`], at most a twentieth of the cycle). A frame is given up after 20 ms,
+/// since a machine that stalls has not lost it.
 pub fn on_a_socket(mut config: Config) -> Config {
     let exact = Config::new(config.cycle);
     if config.stamp_noise == exact.stamp_noise {
@@ -154,32 +158,32 @@ pub fn on_a_socket(mut config: Config) -> Config {
     config
 }
 
-/// What goes wrong on the way.
+/// The errors of a host.
 pub enum Error {
-    /// The interface.
+    /// An error of the interface.
     Link(LinkError),
-    /// The segment: the MainDevice gave up.
+    /// An error of the segment, at which the MainDevice gave up.
     MainDevice(isocat_maindevice::Error),
-    /// An object access; the SubDevice goes on.
+    /// An object access failed; the SubDevice continues.
     Object(SdoError),
-    /// An access to memory; the SubDevice goes on.
+    /// A memory access failed; the SubDevice continues.
     Memory(AccessError),
-    /// The way down did not end within [`STOP_LIMIT`]; SubDevices may still be in OP.
+    /// The shutdown did not end within [`STOP_LIMIT`]; SubDevices may still be in OP.
     StillUp,
-    /// The thread has ended, and why was told before.
+    /// The thread has ended, and the reason was already returned.
     Over,
-    /// A signal can't be waited for.
+    /// Waiting for a signal failed.
     Signal(std::io::Error),
 }
 
 /// A result with this crate's [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Longest time of the way down.
+/// Longest time of a shutdown.
 pub const STOP_LIMIT: Nanos = Nanos::millis(5_000);
 
 impl<A: Application + Send + 'static> Running<A> {
-    /// Waits until all SubDevices are in OP; gives what was found.
+    /// Waits until all SubDevices are in OP. Returns the segment that was found.
     pub fn until_operation(&mut self) -> Result<Segment> {
         loop {
             match self.receive(LOOK)? {
@@ -190,10 +194,10 @@ impl<A: Application + Send + 'static> Running<A> {
         }
     }
 
-    /// Waits until SIGINT or SIGTERM comes, or the loop ends with an error. SubDevices that leave
-    /// OP meanwhile end nothing: they are events ([`event`](Self::event)), and [`Ended::fallen`]
-    /// names those that were not back. Before this is called, a signal ends the process as ever,
-    /// with the SubDevices in whatever state they are.
+    /// Waits until SIGINT or SIGTERM arrives, or the loop ends with an error. SubDevices that leave
+    /// OP meanwhile do not end it: they give events ([`event`](Self::event)), and [`Ended::fallen`]
+    /// names those that did not return. Before this call a signal ends the process as usual, with
+    /// the SubDevices in whatever state they are.
     pub fn until_signal(&mut self) -> Result<()> {
         let asked = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM] {
@@ -207,8 +211,8 @@ impl<A: Application + Send + 'static> Running<A> {
         Ok(())
     }
 
-    /// The next thing that happened; `None` if nothing did for so long. Only the last thousand or so are kept;
-    /// [`Event::Dropped`] tells how many were not.
+    /// The next event; `None` if there is none within this time. Only about the last thousand
+    /// events are kept; [`Event::Dropped`] tells how many were dropped.
     pub fn event(&mut self, within: Duration) -> Result<Option<Event>> {
         match self.seen.pop_front() {
             Some(event) => Ok(Some(event)),
@@ -244,34 +248,34 @@ impl<A: Application + Send + 'static> Running<A> {
         }
     }
 
-    /// Looks at the MainDevice and the application, between two steps of the loop and on its thread: what `look` takes is time that the
-    /// cycle does not have.
+    /// Calls `look` with the MainDevice and the application, between two steps of the loop and on
+    /// its thread. The time that `look` takes is missing in the cycle.
     pub fn look<R: Send + 'static>(
         &mut self,
         look: impl FnOnce(&MainDevice, &A) -> R + Send + 'static,
     ) -> Result<R> {
         let (answer, answered) = sync_channel(1);
         let order = Order::Look(Box::new(move |main, application| {
-            // The caller may have given up waiting.
+            // The caller may have stopped waiting.
             let _ = answer.send(look(main, application));
         }));
         self.order(order)?;
         self.await_answer(&answered)
     }
 
-    /// What was found: topology, identities, mapping, the plan.
+    /// The segment that was found: topology, identities, mapping, the plan.
     pub fn segment(&mut self) -> Result<Segment> {
         self.look(|main, _| main.segment().clone())
     }
 
-    /// Counts so far.
+    /// The counters so far.
     pub fn statistics(&mut self) -> Result<Statistics> {
         self.look(|main, _| main.statistics())
     }
 
-    /// Takes the segment back to INIT and ends the thread.
+    /// Takes the segment to INIT and ends the thread.
     pub fn stop(mut self) -> Result<Ended<A>> {
-        // If it has ended already, its end says why.
+        // If the thread has already ended, its result tells why.
         let _ = self.order(Order::Stop);
         self.join();
         match self.ended.take() {
@@ -281,7 +285,7 @@ impl<A: Application + Send + 'static> Running<A> {
         }
     }
 
-    /// Sends a request, and waits for the event that answers it.
+    /// Sends a request and waits for the event that answers it.
     fn ask(
         &mut self,
         request: impl FnOnce(&mut MainDevice) -> RequestId + Send + 'static,
@@ -314,7 +318,7 @@ impl<A: Application + Send + 'static> Running<A> {
         self.seen.push_back(event);
     }
 
-    /// Why the thread has ended, told once.
+    /// The reason why the thread has ended; it is returned once.
     fn why(&mut self) -> Error {
         self.join();
         self.ended.as_mut().and_then(|(_, error)| error.take()).unwrap_or(Error::Over)
@@ -328,20 +332,20 @@ impl<A: Application + Send + 'static> Running<A> {
     }
 }
 
-/// Asks something of the MainDevice.
+/// A request to the MainDevice.
 type Request = Box<dyn FnOnce(&mut MainDevice) -> RequestId + Send>;
 
-/// Looks at the MainDevice and the application.
+/// A look at the MainDevice and the application.
 type Look<A> = Box<dyn FnOnce(&MainDevice, &A) + Send>;
 
-/// What the caller wants of the loop.
+/// What the caller asks of the loop.
 enum Order<A> {
     Ask(Request, SyncSender<Event>),
     Look(Look<A>),
     Stop,
 }
 
-/// The thread.
+/// The function of the thread.
 fn run<A: Application>(
     host: Host,
     config: Config,
@@ -375,7 +379,7 @@ fn run<A: Application>(
     (Ended { application, statistics, figures, granted, refused, fallen, recorder }, error)
 }
 
-/// SubDevices that take part and are not in OP.
+/// SubDevices that take part but are not in OP.
 fn fallen(main: &MainDevice) -> Vec<(usize, AlStatus, AlStatusCode)> {
     let op = AlStatus::new(AlState::Op);
     let devices = main.segment().devices.iter();
@@ -387,20 +391,20 @@ struct Work<A> {
     exchange: Exchange<A>,
     orders: Receiver<Order<A>>,
     told: SyncSender<Event>,
-    /// Events that found no room.
+    /// Number of events for which the queue was full.
     untold: u64,
     /// Requests that wait for their events.
     asked: Vec<(RequestId, SyncSender<Event>)>,
-    /// Those that were not in OP when the way down began.
+    /// SubDevices that were not in OP when the shutdown began.
     fallen: Vec<(usize, AlStatus, AlStatusCode)>,
-    /// When the way down is to be over.
+    /// Deadline of the shutdown.
     stopping: Option<isocat_wire::Time<isocat_wire::time::Host>>,
-    /// The caller has dropped its end: no orders will come.
+    /// The caller has dropped its end, so no orders will come.
     gone: bool,
 }
 
 impl<A: Application> Work<A> {
-    /// Until it is stopped or something fails; gives what.
+    /// Runs the loop until it is stopped or fails. Returns the error.
     fn run(&mut self) -> Option<Error> {
         loop {
             match self.exchange.step(clock::now() + STEP) {
@@ -433,7 +437,7 @@ impl<A: Application> Work<A> {
         };
         let asked = request.and_then(|id| self.asked.iter().position(|(asked, _)| *asked == id));
         if let Some(at) = asked {
-            // The caller may have given up waiting.
+            // The caller may have stopped waiting.
             let _ = self.asked.swap_remove(at).1.send(event);
             return;
         }
@@ -448,7 +452,7 @@ impl<A: Application> Work<A> {
         }
     }
 
-    /// Does what was ordered meanwhile.
+    /// Handles the orders in the queue.
     fn obey(&mut self) {
         loop {
             let order = match self.orders.try_recv() {
@@ -497,7 +501,7 @@ impl fmt::Display for Error {
     }
 }
 
-/// The words for people, so that a `main` that gives this error ends with them.
+/// Prints the text for users, so that a `main` that returns this error ends with it.
 impl fmt::Debug for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Display::fmt(self, f)
@@ -506,17 +510,18 @@ impl fmt::Debug for Error {
 
 impl std::error::Error for Error {}
 
-/// Between reading the clock and the first bit on the wire lies the kernel's way through the
-/// driver. Some microseconds, and far more at times; measured on a virtual machine with veth.
+/// Between the reading of the clock and the first bit on the wire the frame passes the kernel and
+/// the driver. That takes some microseconds, and sometimes far more; measured on a virtual machine
+/// with veth.
 const STAMP_NOISE: Nanos = Nanos::micros(10);
-/// From sending a frame to giving it up. A machine that stalls for tens of milliseconds has not
-/// lost it.
+/// Time from sending a frame to giving it up. A machine that stalls for tens of milliseconds has
+/// not lost it.
 pub const FRAME_TIMEOUT: Nanos = Nanos::millis(20);
-/// Orders that may wait: more make their callers wait.
+/// Orders that may wait; further callers block.
 const ORDERS: usize = 16;
-/// Events that wait for the caller; as many as the MainDevice keeps.
+/// Events that may wait for the caller; as many as the MainDevice keeps.
 const EVENTS: usize = 1024;
 /// How often a waiting caller looks for a signal.
 const LOOK: Duration = Duration::from_millis(50);
-/// The longest step of the loop: orders are seen within this where there is no cycle.
+/// The longest step of the loop: without a cycle, orders are seen within this time.
 const STEP: Nanos = Nanos::millis(5);

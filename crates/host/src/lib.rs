@@ -1,15 +1,15 @@
 //! A MainDevice on a network interface: raw Ethernet, the host's clock, the real-time loop, and
-//! what a machine can do for it.
+//! settings of the machine.
 //!
-//! [`Host`] is the whole of it for a program: a MainDevice with its application on a thread of its
-//! own. [`Exchange`] is the loop: it drives a MainDevice with a [`RawSocket`], as punctually as the
-//! machine lets it, and counts how punctual that was; its [`Link`] is that interface without a MainDevice. [`clock`] is the one host clock. [`RealTime`]
-//! asks for what a loop wants of the machine, [`preflight`] looks at what harms it, [`recorder`]
-//! hands frames to a file without the loop waiting for it. [`Listener`] hears what others send and
-//! sends nothing. [`Veth`] is a pair of interfaces in a network namespace of its own, for trying
-//! things on one machine.
+//! [`Host`] is the complete host for a program: a MainDevice with its application on its own
+//! thread. [`Exchange`] is the loop: it drives a MainDevice with a [`RawSocket`], as punctually as
+//! the machine allows, and counts how punctual it was. Its [`Link`] is the interface without a
+//! MainDevice. [`clock`] is the host clock. [`RealTime`] asks for what a loop needs of the machine,
+//! and [`preflight`] reports what harms it. [`recorder`] hands frames to a file without blocking
+//! the loop. [`Listener`] receives what others send, and sends nothing. [`Veth`] is a pair of
+//! interfaces in its own network namespace, for tests on one machine.
 //!
-//! All of it is Linux; elsewhere the crate is empty. What is unsafe stands in `sys`.
+//! All of it needs Linux; on other systems the crate is empty. All unsafe code is in `sys`.
 #![cfg(target_os = "linux")]
 #![deny(unsafe_code)]
 

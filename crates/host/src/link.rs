@@ -1,4 +1,5 @@
-//! An interface as a real-time loop uses it: frames out and in, waiting, the recorder, and how punctual all that was.
+//! An interface as a real-time loop uses it: it sends, receives, waits and records frames, and
+//! measures its punctuality.
 
 use isocat_maindevice::FRAME_LEN;
 use isocat_wire::frame::{self, LOCALLY_ADMINISTERED};
@@ -9,9 +10,10 @@ use crate::{Histogram, LinkError, RawSocket, Recorder, clock};
 /// How to wait for the beginning of a cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Waiting {
-    /// Sleep, and spin on the clock for this long before the instant: as long as the machine takes to wake.
+    /// Sleep, and spin on the clock for this long before the instant. The lead should be the time
+    /// that the machine takes to wake.
     Sleep {
-        /// Time to spin; 0 is right where wake-ups are.
+        /// Time to spin; 0 if wake-ups are punctual.
         lead: Nanos,
     },
     /// Never sleep.
@@ -19,51 +21,52 @@ pub enum Waiting {
 }
 
 impl Waiting {
-    /// Sleeps with a lead in which 99 % of these wake-ups have come, though no longer than a tenth of the
-    /// cycle, which other programs want to have too.
+    /// Sleeps with a lead that covers 99 % of these wake-ups. The lead is at most a tenth of the
+    /// cycle, since other programs need the CPU too.
     pub fn sleep(wake_ups: &Histogram, cycle: Nanos) -> Self {
         Self::Sleep { lead: wake_ups.percentile(99).min(Nanos(cycle.0 / 10)).min(MOST_LEAD) }
     }
 }
 
-/// How punctual the machine was, and whom it heard.
+/// Punctuality of the machine, and other senders on the interface.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Figures {
-    /// When the first frame of a cycle was handed to the kernel, less when it should have been.
+    /// The instant at which the first frame of a cycle was handed to the kernel, less its due time.
     pub lateness: Histogram,
-    /// How many of these are beyond what the plan keeps free for them.
+    /// Number of cycles whose lateness exceeds the plan's jitter.
     pub beyond_jitter: u64,
-    /// From handing a frame to the kernel until the kernel had it back from the driver.
+    /// Time from handing a frame to the kernel until the kernel received it from the driver.
     pub round_trip: Histogram,
-    /// Frames that came back after the next of their index had left.
+    /// Frames that came back after the next frame with the same index had left.
     pub too_late: u64,
-    /// EtherCAT frames with another source address than ours.
+    /// EtherCAT frames with another source address than our own.
     pub other_talkers: u64,
     /// The source address of the first of them.
     pub other_talker: Option<[u8; 6]>,
-    /// Frames of ours that came back without having passed a SubDevice.
+    /// Own frames that came back without having passed a SubDevice.
     pub unprocessed: u64,
 }
 
-/// An open interface in a loop.
+/// An open interface in a real-time loop.
 ///
 /// - [`wait`](Self::wait) for an instant or a frame.
 /// - [`send`](Self::send); [`begin_cycle`](Self::begin_cycle) with the first frame of a cycle.
-/// - [`receive`](Self::receive), then [`answered`](Self::answered) for what was an answer, or
-///   [`foreign`](Self::foreign) for what was none.
+/// - [`receive`](Self::receive), then [`answered`](Self::answered) for an answer, or
+///   [`foreign`](Self::foreign) for any other frame.
 #[derive(Debug)]
 pub struct Link {
     socket: RawSocket,
     recorder: Option<Recorder>,
     waiting: Waiting,
-    /// Source address of our frames.
+    /// Source address of our own frames.
     source: [u8; 6],
-    /// Lateness that the plan keeps free.
+    /// Lateness that the plan allows.
     jitter: Nanos,
     figures: Figures,
-    /// Figures of punctuality are taken.
+    /// Whether punctuality is being measured.
     measuring: bool,
-    /// When the frame that carries an index was sent; a frame's first datagram names it.
+    /// The instant at which the frame with each index was sent; the first datagram of a frame names
+    /// the index.
     sent: [Option<Time<Host>>; 256],
     incoming: Box<[u8; FRAME_LEN]>,
 }
@@ -71,18 +74,18 @@ pub struct Link {
 /// A frame that came in.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Arrival {
-    /// When the kernel took it from the driver.
+    /// The instant at which the kernel took it from the driver.
     pub at: Time<Host>,
-    /// It was there before the frame whose index it carries was sent: an answer of two cycles ago, which must not be
-    /// taken for that of this one.
+    /// It arrived before the frame with the same index was sent. It is an answer of an earlier
+    /// cycle and must not be taken for the present one's.
     pub is_too_late: bool,
     len: usize,
     index: Option<u8>,
 }
 
 impl Link {
-    /// Takes an open interface. `source` is the address that our frames come from, `jitter` the lateness that the plan
-    /// keeps free.
+    /// Uses an open interface. `source` is the address of our own frames, `jitter` the lateness
+    /// that the plan allows.
     pub fn new(
         socket: RawSocket,
         waiting: Waiting,
@@ -103,7 +106,7 @@ impl Link {
         }
     }
 
-    /// Begins or ends the time in which punctuality is measured.
+    /// Starts or ends the measurement of punctuality.
     pub fn measure(&mut self, on: bool) {
         self.measuring = on;
     }
@@ -123,8 +126,9 @@ impl Link {
         self.recorder
     }
 
-    /// Waits until an instant or a frame; tells whether a frame may be there. `expects`: a frame is under way, else none is
-    /// waited for. `is_cycle`: the instant is the beginning of a cycle.
+    /// Waits until an instant or a frame. Returns whether a frame may have arrived. `expects`: a
+    /// frame is under way; otherwise none is awaited. `is_cycle`: the instant is the start of a
+    /// cycle.
     pub fn wait(
         &mut self,
         until: Time<Host>,
@@ -132,7 +136,7 @@ impl Link {
         is_cycle: bool,
     ) -> Result<bool, LinkError> {
         let lead = match self.waiting {
-            // With frames under way the socket is asked again and again, by `receive` itself.
+            // With frames under way `receive` itself polls the socket.
             Waiting::Busy if expects => return Ok(true),
             Waiting::Busy => {
                 spin(until);
@@ -148,17 +152,17 @@ impl Link {
             } else if self.socket.wait(Some(asleep))? {
                 return Ok(true);
             }
-            // A signal may have ended it early.
+            // A signal may have ended the sleep early.
             if clock::now() < asleep {
                 return Ok(false);
             }
         }
         spin(until);
-        // What came meanwhile is taken behind the frames that are due now.
+        // Frames that arrived meanwhile are taken after those that are due now are sent.
         Ok(false)
     }
 
-    /// Sends a frame at `now`. `patient`: there is no cycle to keep, and the recorder may take its time.
+    /// Sends a frame at `now`. `patient`: there is no cycle yet, so the recorder may block.
     pub fn send(&mut self, now: Time<Host>, bytes: &[u8], patient: bool) -> Result<(), LinkError> {
         self.socket.send(bytes)?;
         if let Some(recorder) = &mut self.recorder {
@@ -170,7 +174,7 @@ impl Link {
         Ok(())
     }
 
-    /// The first frame of a cycle that was due at `due` was sent at `now`.
+    /// Notes that the first frame of a cycle that was due at `due` was sent at `now`.
     pub fn begin_cycle(&mut self, now: Time<Host>, due: Time<Host>) {
         if self.measuring {
             self.figures.lateness.add(now - due);
@@ -178,7 +182,7 @@ impl Link {
         }
     }
 
-    /// Takes a frame, if one is there; [`frame`](Self::frame) has its bytes until the next one.
+    /// Takes a frame if one has arrived; [`frame`](Self::frame) has its bytes until the next one.
     pub fn receive(&mut self, patient: bool) -> Result<Option<Arrival>, LinkError> {
         let Some(received) = self.socket.receive(&mut self.incoming[..])? else { return Ok(None) };
         let len = received.len.min(FRAME_LEN);
@@ -197,7 +201,7 @@ impl Link {
         &self.incoming[..arrival.len]
     }
 
-    /// The frame was the answer to one of ours.
+    /// Notes that the frame is the answer to one of ours.
     pub fn answered(&mut self, arrival: Arrival) {
         let Some(index) = arrival.index else { return };
         if let Some(sent) = self.sent[usize::from(index)].take()
@@ -207,7 +211,8 @@ impl Link {
         }
     }
 
-    /// The frame was no answer: looks at who sent it. `untouched`: it is one of ours as it had left.
+    /// Notes that the frame is not an answer, and checks who sent it. `untouched`: it is one of
+    /// ours, unchanged.
     pub fn foreign(&mut self, arrival: Arrival, untouched: bool) {
         let Some(address) = self.source_of(arrival) else { return };
         if unmarked(address) != unmarked(self.source) {
@@ -218,8 +223,8 @@ impl Link {
         }
     }
 
-    /// The source address of the last frame that came in. The first ESC that a frame passes marks it as locally
-    /// administered.
+    /// The source address of the last frame that came in. The first ESC that a frame passes marks
+    /// it as locally administered.
     pub fn source_of(&self, arrival: Arrival) -> Option<[u8; 6]> {
         self.frame(arrival).get(6..).and_then(|rest| rest.first_chunk::<6>()).copied()
     }
@@ -230,13 +235,13 @@ fn index(bytes: &[u8]) -> Option<u8> {
     frame::payload(bytes).ok()?.get(1).copied()
 }
 
-/// The address as it left the MainDevice.
+/// The address as it was when the frame left the MainDevice.
 pub fn unmarked(mut address: [u8; 6]) -> [u8; 6] {
     address[0] &= !LOCALLY_ADMINISTERED;
     address
 }
 
-/// Never inlined, so that a profile tells this from work.
+/// Spins until an instant. It is never inlined, so that a profile separates it from work.
 #[inline(never)]
 fn spin(until: Time<Host>) {
     while clock::now() < until {
@@ -244,5 +249,5 @@ fn spin(until: Time<Host>) {
     }
 }
 
-/// The longest lead: a machine that needs more is late now and then.
+/// The longest lead: a machine that needs a longer one is sometimes late.
 const MOST_LEAD: Nanos = Nanos::micros(200);

@@ -1,4 +1,4 @@
-//! Network namespaces, and a veth pair in one of its own for trying things on one machine.
+//! Network namespaces, and a veth pair in its own namespace for tests on one machine.
 
 use std::fs::File;
 use std::os::fd::AsFd;
@@ -8,8 +8,8 @@ use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
 
 use super::LinkError;
 
-/// Does something inside a network namespace: on a thread of its own, so that the caller stays where it
-/// is. Sockets opened there belong to the namespace wherever they are used.
+/// Runs a function inside a network namespace, on a thread of its own, so that the caller's
+/// namespace does not change. Sockets opened there belong to the namespace wherever they are used.
 pub(super) fn inside<T: Send>(
     namespace: &str,
     work: impl FnOnce() -> T + Send,
@@ -29,7 +29,7 @@ pub(super) fn inside<T: Send>(
     })
 }
 
-/// The same, or here if there is no namespace.
+/// As `inside`, or in the present namespace if none is named.
 pub(super) fn inside_or_here<T: Send>(
     namespace: Option<&str>,
     work: impl FnOnce() -> T + Send,
@@ -40,23 +40,24 @@ pub(super) fn inside_or_here<T: Send>(
     }
 }
 
-/// A veth pair in a network namespace of its own, removed when dropped; two pairs for a ring.
+/// A veth pair in its own network namespace, removed when dropped; two pairs for a ring.
 ///
-/// The namespace has the name of the pair; both ends are in it, so nothing of the machine's own network is
-/// touched: `NAME` for a MainDevice, `NAME-seg` for the segment. The second pair is `NAME-2` and `NAME-sg2`.
+/// The namespace has the name of the pair. Both ends are in it, so the machine's own network does
+/// not change: `NAME` is for a MainDevice, `NAME-seg` for the segment. The second pair is `NAME-2`
+/// and `NAME-sg2`.
 #[derive(Debug)]
 pub struct Veth {
     name: String,
 }
 
 impl Veth {
-    /// Makes it. Needs `CAP_NET_ADMIN` and `CAP_SYS_ADMIN` (in practice: root) and the command `ip`. A pair of
-    /// this name that an earlier process left behind is taken over.
+    /// Makes the pair. Needs `CAP_NET_ADMIN` and `CAP_SYS_ADMIN` (in practice: root) and the
+    /// command `ip`. A pair of this name that an earlier process left behind is reused.
     pub fn create(name: &str) -> Result<Self, LinkError> {
         Self::with(name, &[pair_of(name)])
     }
 
-    /// The same with a second pair, for a MainDevice with two ports.
+    /// Makes the pair and a second one, for a MainDevice with two ports.
     pub fn create_ring(name: &str) -> Result<Self, LinkError> {
         Self::with(name, &[pair_of(name), second_pair_of(name)])
     }
@@ -77,7 +78,7 @@ impl Veth {
             std::mem::forget(veth);
             return Err(LinkError::Namespace(name.to_owned()));
         }
-        // From here on dropping it cleans up.
+        // From here on a drop removes the namespace.
         ip(&["netns", "add", name]).map_err(|error| match error {
             LinkError::Ip { message, .. }
                 if message.contains("ermission") || message.contains("not permitted") =>
@@ -93,7 +94,7 @@ impl Veth {
             ip(&["-n", name, "link", "add", main, "type", "veth", "peer", "name", segment])?;
         }
         for end in pairs.iter().flatten() {
-            // Nothing but EtherCAT is to be on this wire.
+            // Only EtherCAT must be on this wire.
             let _ = ip(&[
                 "netns",
                 "exec",
@@ -143,12 +144,12 @@ impl Veth {
 
 impl Drop for Veth {
     fn drop(&mut self) {
-        // The pair goes with its namespace; nothing sensible is left to do if it can't.
+        // The pair is removed with its namespace. An error here cannot be handled sensibly.
         let _ = ip(&["netns", "del", &self.name]);
     }
 }
 
-/// The ends of the pair: for the MainDevice, for the segment.
+/// The ends of the pair: the MainDevice's, then the segment's.
 fn pair_of(name: &str) -> [String; 2] {
     [name.to_owned(), format!("{name}-seg")]
 }
@@ -157,7 +158,7 @@ fn second_pair_of(name: &str) -> [String; 2] {
     [format!("{name}-2"), format!("{name}-sg2")]
 }
 
-/// Linux has room for 15 characters, and the segment's end has four more than the pair.
+/// Linux allows 15 characters, and the segment's end has four more than the pair.
 const MOST_NAME: usize = 11;
 
 fn path(namespace: &str) -> std::path::PathBuf {

@@ -1,5 +1,4 @@
-//! Opening a packet socket at a network interface: what sends and what only listens have it in
-//! common.
+//! Opens a packet socket on a network interface; the sending and the listening socket share this.
 
 use std::os::fd::{AsFd, OwnedFd};
 
@@ -7,18 +6,18 @@ use rustix::io::Errno;
 
 use super::{LinkError, namespace, sys};
 
-/// What a packet socket hears.
+/// The frames that a packet socket receives.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Hears {
-    /// Frames that come in.
+    /// Frames that come in only.
     Arrivals,
-    /// Frames of this machine too.
+    /// Frames that come in, and those that this machine sends.
     BothWays,
 }
 
 /// Opens `interface` of the present network namespace, or of the named one, with time stamps.
 /// Returns the socket and the kernel's number of the interface. Each of `options` (level, name,
-/// value) is good to have and may fail.
+/// value) is optional and may fail.
 pub(super) fn open(
     interface: &str,
     namespace: Option<&str>,

@@ -1,7 +1,7 @@
-//! What on this machine harms a real-time loop: settings, each with the file that shows it, and a short
-//! measurement of wake-ups.
+//! Reports what harms a real-time loop on this machine: settings, each with the file that shows it,
+//! and a short measurement of wake-ups.
 //!
-//! Nothing is changed here. What can't be read is not reported: a file that is missing is no finding.
+//! Nothing is changed here. A file that cannot be read gives no finding.
 
 use std::path::Path;
 
@@ -11,27 +11,27 @@ use super::clock;
 use super::namespace::inside_or_here;
 use super::{Histogram, LinkError, RawSocket, Wish};
 
-/// Something that harms.
+/// A setting or measurement that harms the loop.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Finding {
-    /// What, with the figures.
+    /// The problem, with its figures.
     pub what: String,
-    /// Where it was read.
+    /// The file from which it was read.
     pub source: String,
-    /// What to do about it.
+    /// Advice.
     pub advice: String,
 }
 
-/// What is looked at.
+/// The subject of the check.
 #[derive(Clone, Copy, Debug)]
 pub struct Subject<'a> {
-    /// The interface; `None`: the machine only.
+    /// The interface; `None`: only the machine.
     pub interface: Option<&'a str>,
     /// Its network namespace.
     pub namespace: Option<&'a str>,
-    /// How the loop is going to run.
+    /// The settings with which the loop will run.
     pub wish: Wish,
-    /// Processors are kept out of deep sleep as long as the loop runs.
+    /// Whether processors are kept out of deep sleep while the loop runs.
     pub keeps_awake: bool,
 }
 
@@ -53,7 +53,7 @@ pub fn look(subject: Subject<'_>, socket: Option<&RawSocket>) -> Result<Vec<Find
     Ok(findings)
 }
 
-/// The same from the files below `root`, which tests make themselves.
+/// Checks the files below `root`, which tests create.
 fn look_at(root: &Path, subject: &Subject<'_>) -> Vec<Finding> {
     let files = Files { root };
     let mut findings = Vec::new();
@@ -157,7 +157,7 @@ fn look_at(root: &Path, subject: &Subject<'_>) -> Vec<Finding> {
     findings
 }
 
-/// Whether a CPU of this number is online; true if the system does not tell.
+/// Whether the CPU with this number is online; true if the system does not tell.
 pub fn is_online(cpu: usize) -> bool {
     match (Files { root: Path::new("/") }).read(ONLINE) {
         Some(text) => cpus(&text).contains(&cpu),
@@ -165,7 +165,7 @@ pub fn is_online(cpu: usize) -> bool {
     }
 }
 
-/// Sleeps to the beginning of some cycles, and tells how late the calling thread woke.
+/// Sleeps until the start of some cycles, and records how late the calling thread woke.
 pub fn wake_ups(cycle: Nanos) -> Histogram {
     let mut late = Histogram::default();
     let cycle = cycle.min(MOST_TIME);
@@ -189,13 +189,13 @@ struct Files<'a> {
 }
 
 impl Files<'_> {
-    /// What stands in a file, without the line's end; `None` if it can't be read.
+    /// The content of a file, without the end of line; `None` if it cannot be read.
     fn read(&self, path: &str) -> Option<String> {
         std::fs::read_to_string(self.root.join(path)).ok().map(|text| text.trim().to_owned())
     }
 
-    /// The deepest sleep that a CPU may fall into, if that is deeper than C1: file, name, and how many
-    /// microseconds it takes to wake.
+    /// The deepest idle state that a CPU may enter, if it is deeper than C1: file, name, and
+    /// wake-up time in microseconds.
     fn deep_sleep(&self, cpu: usize) -> Option<(String, String, u32)> {
         let folder = format!("sys/devices/system/cpu/cpu{cpu}/cpuidle");
         let states = std::fs::read_dir(self.root.join(&folder)).ok()?;
@@ -226,9 +226,10 @@ fn cpus(list: &str) -> Vec<usize> {
 }
 
 const ONLINE: &str = "sys/devices/system/cpu/online";
-/// A loop that never sleeps leaves too little where there are no more than these.
+/// On a machine with no more CPUs than this, a loop that never sleeps leaves too little for the
+/// rest.
 const FEW_CPUS: usize = 2;
-/// C1 wakes in 1 to 2 us, C1E within 10; what is deeper takes tens and hundreds.
+/// C1 wakes in 1 to 2 us, C1E within 10; deeper states take tens to hundreds of microseconds.
 const C1_LATENCY_US: u32 = 10;
 const MOST_WAKE_UPS: i64 = 200;
 const MOST_TIME: Nanos = Nanos::millis(500);

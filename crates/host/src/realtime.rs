@@ -1,4 +1,4 @@
-//! What a real-time loop wants of the machine, asked for thread by thread.
+//! The real-time settings that a loop asks of the machine, for each thread.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -9,33 +9,33 @@ use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 
 use super::sys;
 
-/// What to ask for.
+/// The settings to ask for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Wish {
-    /// The CPU to stay on; `None`: any.
+    /// The CPU of the thread; `None`: any.
     pub cpu: Option<usize>,
     /// The thread never sleeps.
     pub busy: bool,
 }
 
-/// What the calling thread was given. Scheduling and CPU stay with the thread until it ends; processors
-/// may sleep deeply again when this is dropped.
+/// The settings that the calling thread got. Scheduling and CPU stay with the thread until it ends.
+/// Processors may sleep deeply again when this is dropped.
 #[derive(Debug)]
 pub struct RealTime {
     /// What was granted, in words.
     pub granted: Vec<String>,
-    /// What was refused, each with what to do about it. None of it keeps a run from running.
+    /// What was refused, each with advice. None of it prevents a run.
     pub refused: Vec<String>,
     awake: Option<File>,
 }
 
 impl RealTime {
-    /// Asks for everything, for the calling thread.
+    /// Asks for everything for the calling thread.
     pub fn ask(wish: Wish) -> Self {
         let mut answer = Self { granted: Vec::new(), refused: Vec::new(), awake: None };
         if let Some(cpu) = wish.cpu {
             let mut set = CpuSet::new();
-            // Beyond what the set can name there is no CPU.
+            // CPUs beyond the size of the set do not exist.
             if cpu < CpuSet::MAX_CPU {
                 set.set(cpu);
             }
@@ -93,10 +93,10 @@ impl RealTime {
     }
 }
 
-/// Locks everything that is mapped now and later.
+/// Locks all memory that is mapped now and later.
 ///
-/// Without the capability there is a limit, and memory that is asked for beyond it would end the program
-/// in the middle of a run: then nothing is locked.
+/// Without the capability there is a limit, and an allocation beyond it would end the program in
+/// the middle of a run. Nothing is locked then.
 fn lock_memory() -> std::io::Result<()> {
     let limit = rustix::process::getrlimit(rustix::process::Resource::Memlock);
     if limit.current.is_some() && !has_capability(CAP_IPC_LOCK) {
@@ -105,7 +105,7 @@ fn lock_memory() -> std::io::Result<()> {
     Ok(mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE)?)
 }
 
-/// Whether this process has a capability, by its effective set.
+/// Whether this process has a capability in its effective set.
 fn has_capability(number: u32) -> bool {
     let status = std::fs::read_to_string("/proc/thread-self/status").unwrap_or_default();
     let set = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
@@ -125,12 +125,14 @@ fn grant(capability: &str) -> String {
     format!("run as root, or grant {capability}: sudo setcap {EVERYTHING}+ep {}", program.display())
 }
 
-/// `setcap` replaces what was granted before, so all that a run on an interface wants is named at once.
+/// `setcap` replaces what was granted before, so this names everything that a run on an interface
+/// needs.
 const EVERYTHING: &str = "cap_net_raw,cap_sys_nice,cap_ipc_lock";
 const CAP_IPC_LOCK: u32 = 14;
-/// Above the interrupt threads of a PREEMPT_RT kernel (50): the loop sleeps most of the time.
+/// Above the interrupt threads of a PREEMPT_RT kernel (50), since the loop sleeps most of the time.
 const PRIORITY: i32 = 80;
-/// Below them: a loop that never sleeps must let the interface's own interrupt thread in.
+/// Below the interrupt threads: a loop that never sleeps must let the interface's interrupt thread
+/// run.
 const BUSY_PRIORITY: i32 = 40;
 
 #[cfg(test)]
@@ -139,7 +141,7 @@ mod tests {
 
     #[test]
     fn everything_is_granted_or_refused_with_advice() {
-        // On a thread of its own, whose scheduling ends with it.
+        // A separate thread, so that its scheduling ends with it.
         let answer = std::thread::spawn(|| RealTime::ask(Wish { cpu: Some(0), busy: false }));
         let answer = answer.join().expect("asking never panics");
         assert_eq!(answer.granted.len() + answer.refused.len(), 5, "{answer:?}");

@@ -1,4 +1,4 @@
-//! Frames into a capture file, without the loop waiting for the disk.
+//! Writes frames into a capture file without blocking the loop on the disk.
 
 use std::io;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
@@ -10,30 +10,32 @@ use isocat_wire::time::{Host, Time};
 
 use crate::clock;
 
-/// A file of frames. Its calls come from a thread of their own and may take their time.
+/// A file of frames. It is called from its own thread, so its calls may block.
 pub trait Sink: Send + 'static {
-    /// Takes a frame whose first bit left (`sent`) or came in at `at`, wall time since 1970. An error is kept until the end.
+    /// Writes a frame whose first bit left (`sent`) or came in at `at`, wall time since 1970. The
+    /// sink keeps an error until the end.
     fn frame(&mut self, at: Duration, sent: bool, bytes: &[u8]);
 
-    /// There is nothing to take, and it is `now`, wall time since 1970: called every few
-    /// milliseconds as long as that is so.
+    /// There is no frame to write at `now`, wall time since 1970. It is called every few
+    /// milliseconds while that is so.
     fn idle(&mut self, _now: Duration) {}
 
-    /// Writes what is left; gives the first error.
+    /// Writes the rest. Returns the first error.
     fn finish(self: Box<Self>) -> io::Result<()>;
 }
 
-/// Hands frames to a thread that writes them. What that thread has no room for is dropped and counted.
+/// Hands frames to a thread that writes them. A frame that finds the queue full is dropped and
+/// counted.
 #[derive(Debug)]
 pub struct Recorder {
     records: SyncSender<Record>,
     writer: JoinHandle<Box<dyn Sink>>,
-    /// Wall time less host time, ns, as of the beginning.
+    /// Wall time less host time, ns, when the recorder was made.
     wall: i64,
     dropped: u64,
 }
 
-/// One frame; whole, so that none is allocated.
+/// One frame with room for all its bytes, so that nothing is allocated.
 struct Record {
     at: Duration,
     sent: bool,
@@ -42,8 +44,8 @@ struct Record {
 }
 
 impl Recorder {
-    /// Begins a thread that writes into `sink`. To be made before the caller asks for real time, which
-    /// threads inherit.
+    /// Starts a thread that writes into `sink`. Call this before the caller asks for real time,
+    /// since threads inherit it.
     pub fn new(sink: impl Sink) -> Self {
         let (records, incoming) = sync_channel(ROOM);
         let wall = clock::wall_offset();
@@ -66,7 +68,7 @@ impl Recorder {
         self.dropped += u64::from(!taken);
     }
 
-    /// Writes what is left; gives how many frames were dropped, or the first error of the file.
+    /// Writes the rest. Returns the number of dropped frames, or the first error of the file.
     pub fn finish(self) -> io::Result<u64> {
         drop(self.records);
         let sink = self.writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
@@ -74,7 +76,8 @@ impl Recorder {
     }
 }
 
-/// Looks now and then: a thread that waits would have to be woken by the loop, with a system call.
+/// The function of the thread. It polls: the loop would need a system call to wake a waiting
+/// thread.
 fn write(mut sink: Box<dyn Sink>, incoming: &Receiver<Record>, wall: i64) -> Box<dyn Sink> {
     loop {
         match incoming.try_recv() {

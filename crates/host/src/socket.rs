@@ -11,8 +11,8 @@ use super::clock::{self, Stamps};
 use super::packet::{self, Hears};
 use super::{LinkError, sys};
 
-/// An open network interface: EtherCAT frames (EtherType 0x88A4) and nothing else go through it, whole
-/// Ethernet frames without their FCS. Own frames do not come back.
+/// An open network interface that sends and receives only EtherCAT frames (EtherType 0x88A4), as
+/// whole Ethernet frames without their FCS. Own frames are not received.
 #[derive(Debug)]
 pub struct RawSocket {
     socket: OwnedFd,
@@ -22,20 +22,20 @@ pub struct RawSocket {
     stamps: Stamps,
 }
 
-/// A frame that came in.
+/// A received frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Received {
-    /// Its length, bytes. Longer than the buffer: it was cut.
+    /// Its length, bytes. A frame longer than the buffer was cut.
     pub len: usize,
-    /// When the kernel took it from the driver.
+    /// The instant at which the kernel took it from the driver.
     pub at: Time<Host>,
 }
 
 impl RawSocket {
-    /// Opens an interface of the present network namespace, or of the named one (as `ip netns` names
-    /// them). Needs `CAP_NET_RAW`; another namespace needs `CAP_SYS_ADMIN` too.
+    /// Opens an interface of the present network namespace, or of the named one (as `ip netns`
+    /// names them). Needs `CAP_NET_RAW`; another namespace needs `CAP_SYS_ADMIN` too.
     pub fn open(interface: &str, namespace: Option<&str>) -> Result<Self, LinkError> {
-        // For speed, and for more frames under way than anybody has.
+        // Options for speed, and a buffer for more frames than are ever under way.
         let options = [
             (libc::SOL_SOCKET, libc::SO_RCVBUFFORCE, BUFFER),
             (libc::SOL_SOCKET, libc::SO_SNDBUFFORCE, BUFFER),
@@ -55,14 +55,14 @@ impl RawSocket {
         sys::has_carrier(self.socket.as_fd(), &self.interface).ok()
     }
 
-    /// Whether the interface exists still, up or down. One that was deleted and made anew is another one: nothing
-    /// comes from it any more.
+    /// Whether the interface still exists, up or down. An interface that was deleted and made again
+    /// counts as another one, from which nothing is received.
     pub fn is_there(&self) -> bool {
         let index = rustix::net::netdevice::name_to_index(&self.socket, &self.interface);
         index.is_ok_and(|index| index == self.index)
     }
 
-    /// How the interface gathers arrivals; `None` if its driver does not tell.
+    /// How the interface collects arrivals; `None` if its driver does not tell.
     pub(super) fn coalescing(&self) -> Option<sys::Coalescing> {
         sys::coalescing(self.socket.as_fd(), &self.interface).ok()
     }
@@ -76,7 +76,8 @@ impl RawSocket {
                 Err(error) => error,
             };
             return match error {
-                // The port has no room, or its other end is not up: a frame that is lost, as on a wire.
+                // The port's queue is full, or its other end is down: the frame is lost, as on a
+                // wire.
                 Errno::AGAIN | Errno::NOBUFS => Ok(()),
                 Errno::NETDOWN | Errno::NODEV | Errno::NXIO => {
                     Err(LinkError::Down(self.interface.clone()))
@@ -86,7 +87,7 @@ impl RawSocket {
         }
     }
 
-    /// Takes the next frame, if one is there. One system call.
+    /// Takes the next frame, if one has arrived. One system call.
     pub fn receive(&mut self, buffer: &mut [u8]) -> Result<Option<Received>, LinkError> {
         match sys::receive(self.socket.as_fd(), buffer) {
             Ok(taken) => {
@@ -100,8 +101,8 @@ impl RawSocket {
         }
     }
 
-    /// Sleeps until a frame is there, `until` is reached or a signal comes; tells whether a frame may be
-    /// there. One system call.
+    /// Sleeps until a frame arrives, `until` is reached or a signal comes. Returns whether a frame
+    /// may have arrived. One system call.
     pub fn wait(&self, until: Option<Time<Host>>) -> Result<bool, LinkError> {
         let timeout = until.map(|until| timespec(until - clock::now()));
         let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
@@ -119,7 +120,7 @@ impl AsFd for RawSocket {
     }
 }
 
-/// A span as `poll` wants it; nothing if it is over.
+/// A span in the form of `poll`; zero if it is negative.
 fn timespec(span: Nanos) -> Timespec {
     let ns = span.0.max(0);
     Timespec { tv_sec: ns / 1_000_000_000, tv_nsec: ns % 1_000_000_000 }

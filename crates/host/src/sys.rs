@@ -1,4 +1,4 @@
-//! The few system calls that no library wraps safely: everything unsafe of this crate stands here.
+//! The few system calls without a safe wrapper in a library: all unsafe code of this crate is here.
 #![expect(unsafe_code, reason = "packet sockets and real-time scheduling have no safe wrapper")]
 
 use std::io;
@@ -9,10 +9,10 @@ use std::time::Duration;
 /// EtherType of EtherCAT, as the kernel wants it.
 const PROTOCOL: u16 = (0x88A4_u16).to_be();
 
-/// The same for frames of any protocol.
+/// The protocol number for frames of any protocol.
 const EVERY_PROTOCOL: u16 = (libc::ETH_P_ALL as u16).to_be();
 
-/// A packet socket that hears nothing yet.
+/// A packet socket that receives nothing yet.
 pub(super) fn packet_socket() -> io::Result<OwnedFd> {
     let kind = libc::SOCK_RAW | libc::SOCK_CLOEXEC | libc::SOCK_NONBLOCK;
     // SAFETY: no pointers are passed; a descriptor that is not negative is ours alone.
@@ -22,8 +22,8 @@ pub(super) fn packet_socket() -> io::Result<OwnedFd> {
     }
 }
 
-/// Binds a packet socket to EtherCAT frames of one interface; `all`: to all frames, those that this
-/// machine sends as well.
+/// Binds a packet socket to EtherCAT frames of one interface; `all`: to all frames, including those
+/// that this machine sends.
 pub(super) fn bind(socket: BorrowedFd<'_>, interface: u32, all: bool) -> io::Result<()> {
     // SAFETY: all-zero is a valid address; its length is passed with it.
     let result = unsafe {
@@ -60,7 +60,7 @@ pub(super) fn set_option(
     if result < 0 { Err(io::Error::last_os_error()) } else { Ok(()) }
 }
 
-/// Lets an interface hear frames to other addresses, too, as long as the socket is open.
+/// Lets an interface receive frames to any address while the socket is open.
 pub(super) fn hear_all(socket: BorrowedFd<'_>, interface: u32) -> io::Result<()> {
     // SAFETY: all-zero is a valid request; it outlives the call and its size is passed with it.
     let result = unsafe {
@@ -78,7 +78,7 @@ pub(super) fn hear_all(socket: BorrowedFd<'_>, interface: u32) -> io::Result<()>
     if result < 0 { Err(io::Error::last_os_error()) } else { Ok(()) }
 }
 
-/// Frames that the kernel had no room for since it was asked last.
+/// Number of frames that the kernel dropped since the last call because the queue was full.
 pub(super) fn dropped(socket: BorrowedFd<'_>) -> io::Result<u32> {
     // SAFETY: all-zero is a valid value; it outlives the call and its size is passed with it.
     unsafe {
@@ -95,23 +95,24 @@ pub(super) fn dropped(socket: BorrowedFd<'_>) -> io::Result<u32> {
     }
 }
 
-/// One frame as the kernel gave it.
+/// One frame as the kernel returned it.
 pub(super) struct Taken {
-    /// Its length on the wire, which may be beyond the buffer.
+    /// Its length on the wire, which may exceed the buffer.
     pub len: usize,
     /// The kernel's stamp of its arrival, as `CLOCK_REALTIME` shows it.
     pub stamp: Option<Duration>,
-    /// This machine sent it.
+    /// Whether this machine sent it.
     pub outgoing: bool,
 }
 
-/// Takes one frame, if there is one.
+/// Takes one frame, if one has arrived.
 pub(super) fn receive(socket: BorrowedFd<'_>, buffer: &mut [u8]) -> io::Result<Taken> {
     let mut part = libc::iovec { iov_base: buffer.as_mut_ptr().cast(), iov_len: buffer.len() };
-    // Of the type that gives it the alignment that control messages need.
+    // The type gives the alignment that control messages need.
     let mut control = [MaybeUninit::<libc::cmsghdr>::uninit(); 8];
-    // SAFETY: all pointers in the header are to locals that outlive the call, with their lengths; the
-    // control messages are walked by the macros made for it, and a stamp is read as the kernel wrote it.
+    // SAFETY: all pointers in the header are to locals that outlive the call, with their lengths;
+    // the control messages are walked by the macros made for it, and a stamp is read as the kernel
+    // wrote it.
     unsafe {
         let mut header: libc::msghdr = MaybeUninit::zeroed().assume_init();
         let mut from: libc::sockaddr_ll = MaybeUninit::zeroed().assume_init();
@@ -182,16 +183,16 @@ pub(super) fn has_carrier(socket: BorrowedFd<'_>, interface: &str) -> io::Result
     Ok(i32::from(flags) & libc::IFF_RUNNING != 0)
 }
 
-/// How an interface gathers arrivals before it interrupts.
+/// How an interface collects arrivals before it raises an interrupt.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Coalescing {
-    /// It waits so many microseconds for more frames.
+    /// Microseconds that it waits for more frames.
     pub usecs: u32,
-    /// The driver chooses that by itself.
+    /// Whether the driver chooses the wait itself.
     pub adaptive: bool,
 }
 
-/// Reads how received frames are gathered (`ethtool -c`).
+/// Reads how received frames are collected (`ethtool -c`).
 pub(super) fn coalescing(socket: BorrowedFd<'_>, interface: &str) -> io::Result<Coalescing> {
     /// `struct ethtool_coalesce`: the command and 22 settings.
     const WORDS: usize = 23;
@@ -212,7 +213,7 @@ pub(super) fn coalescing(socket: BorrowedFd<'_>, interface: &str) -> io::Result<
 fn interface_request(interface: &str) -> io::Result<libc::ifreq> {
     // SAFETY: all-zero is a valid request.
     let mut request: libc::ifreq = unsafe { MaybeUninit::zeroed().assume_init() };
-    // The last byte stays 0.
+    // The last byte must stay 0.
     if interface.len() >= request.ifr_name.len() {
         return Err(io::ErrorKind::InvalidInput.into());
     }

@@ -1,8 +1,8 @@
-//! How many frames an interface has carried, whoever they were of.
+//! Counts of the frames that an interface has carried for any program.
 
 use super::namespace::inside_or_here;
 
-/// Frames of an interface since it is there.
+/// Counts of an interface since it was created.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Traffic {
     /// Frames that came in.
@@ -12,13 +12,13 @@ pub struct Traffic {
 }
 
 impl Traffic {
-    /// Counts of an interface in a network namespace; `None` if they can't be read.
+    /// Counts of an interface in a network namespace; `None` if they cannot be read.
     pub fn of(interface: &str, namespace: Option<&str>) -> Option<Self> {
         let read = || std::fs::read_to_string("/proc/thread-self/net/dev").ok();
         Self::parse(&inside_or_here(namespace, read).ok()??, interface)
     }
 
-    /// From the table of `/proc/net/dev`.
+    /// Reads the counts in the table of `/proc/net/dev`.
     fn parse(table: &str, interface: &str) -> Option<Self> {
         let columns = table.lines().filter_map(|line| line.split_once(':'));
         let (_, figures) = columns.into_iter().find(|(name, _)| name.trim() == interface)?;

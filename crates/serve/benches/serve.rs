@@ -1,6 +1,6 @@
-//! How long an answer of a served segment takes, of which part: the frame of one cycle (FRMW, LRW, BRD) through
-//! N SubDevices in OP. What SubDevices do between two frames is done before the next one, as the service
-//! does it in the pause, and counted apart.
+//! How long an answer of a served segment takes, and its parts: the frame of one cycle (FRMW, LRW,
+//! BRD) through N SubDevices in OP. The work of SubDevices between two frames is done before the
+//! next frame, as the service does it in the pause, and is counted separately.
 
 #![expect(missing_docs, reason = "the macros make undocumented items")]
 
@@ -33,7 +33,7 @@ mod linux {
             let mut back = Vec::new();
             while let Some(len) = main.poll_transmit(now, &mut buffer) {
                 let mut bytes = buffer[..len].to_vec();
-                // Indices of cyclic frames.
+                // Frames with these indices are cyclic.
                 if bytes[17] >= 0x80 {
                     cyclic.push(bytes.clone());
                 }
@@ -62,13 +62,13 @@ mod linux {
         }
     }
 
-    /// What callgrind can be told to count: `--toggle-collect='*steady*'`.
+    /// This function is for callgrind: `--toggle-collect='*steady*'`.
     #[inline(never)]
     fn steady(server: &mut Server, now: Time<Host>, bytes: &mut [u8]) -> Answer {
         server.frame(now, bytes)
     }
 
-    /// The same for what is done in the pause between two frames.
+    /// The work in the pause between two frames, as a function for callgrind.
     #[inline(never)]
     fn pause(server: &mut Server, to: Time<Host>) {
         server.catch_up(to);
@@ -77,7 +77,8 @@ mod linux {
     pub fn answers(criterion: &mut Criterion) {
         for devices in [10, 100] {
             let (mut server, mut now, frames) = in_operation(devices);
-            // Once through unmeasured: what is allocated with the first cycle in operation depends on the heap that the way up left.
+            // One unmeasured round: the allocations of the first cycle in operation depend on the
+            // heap after start-up.
             for frame in &frames {
                 let mut bytes = frame.clone();
                 server.frame(now, &mut bytes);

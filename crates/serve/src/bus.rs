@@ -1,12 +1,12 @@
-//! A bus in virtual time: the served segment behind a clock that its caller moves.
+//! A bus in virtual time: the served segment with a clock that its caller moves.
 //!
-//! Frames go in at instants, and each answer waits until its last bit is back. Nothing here knows a
-//! real clock, a socket or a thread, so the same calls give the same answers, bit for bit. Doors
-//! for programs stand on it: C, tests in Rust.
+//! Frames go in at given instants, and each answer waits until its last bit is back. There is no
+//! real clock, socket or thread here, so the same calls give the same answers, bit for bit. The
+//! interfaces for programs use it: C, and tests in Rust.
 //!
-//! Time moves when the caller says so, and never back. How often it is moved changes nothing:
-//! SubDevices are looked at when a frame comes, when the caller asks for what they do, and ten
-//! times a second.
+//! Time moves only when the caller says so, and never back. The size of the steps changes nothing:
+//! SubDevices are updated when a frame comes, when the caller asks for their state, and ten times a
+//! second.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -17,77 +17,76 @@ use isocat_wire::{AlState, AlStatusCode, frame};
 
 use crate::{Answer, Event, Order, Server, Setup, Summary};
 
-/// The longest virtual time of a bus: a month. The segment's own time counts picoseconds, which
-/// last for three of them.
+/// The longest virtual time of a bus: a month. The segment's own time counts picoseconds and would
+/// reach its end after three months.
 pub const LONGEST: Nanos = Nanos::millis(30 * 24 * 3_600_000);
-/// How far time moves at once at most: an hour, which takes seconds while SYNC pulses come each
+/// The largest step of time: an hour, which takes seconds to compute while SYNC pulses come each
 /// millisecond.
 pub const LONGEST_STEP: Nanos = Nanos::millis(3_600_000);
-/// Answers and events that may wait for a caller who does not take them. More answers are lost, as
-/// at a port whose memory is full; of events the oldest go.
+/// Number of answers and events that may wait for the caller. Further answers are lost, as at a
+/// port whose memory is full; of events the oldest are dropped.
 pub const MOST_WAITING: usize = 8_192;
-/// Lengths of frames, bytes from the destination address on, without check sequence.
+/// Allowed lengths of frames in bytes, from the destination address on, without check sequence.
 pub const LENGTHS: std::ops::RangeInclusive<usize> = frame::ETHERNET_HEADER_LEN..=frame::MAX_LEN;
 
 /// A segment in virtual time.
 ///
-/// - [`send`](Self::send) frames; time goes on to their instants.
-/// - [`advance`](Self::advance) time, to [`next_arrival`](Self::next_arrival) or to whatever the
-///   caller waits for.
-/// - [`receive`](Self::receive) what is back by then.
-/// - [`outputs`](Self::outputs), [`set_inputs`](Self::set_inputs), [`inject`](Self::inject) on the
-///   way.
+/// - [`send`](Self::send) frames; this moves time to their instants.
+/// - [`advance`](Self::advance) time, to [`next_arrival`](Self::next_arrival) or to any other
+///   instant that the caller waits for.
+/// - [`receive`](Self::receive) the answers that are back by then.
+/// - [`outputs`](Self::outputs), [`set_inputs`](Self::set_inputs), [`inject`](Self::inject) at any
+///   time.
 /// - [`summary`](Self::summary) at any time, and at the end after [`finish`](Self::finish).
 pub struct Bus {
     server: Server,
     began: Time<Host>,
     now: Time<Host>,
-    /// When the segment was looked at last.
+    /// The instant of the last update of the SubDevices.
     looked: Time<Host>,
-    /// Answers under way, by the instant at which they are back, and then in the order of their
-    /// frames.
+    /// Answers under way, in the order of their arrival and then of their frames.
     arrivals: VecDeque<Arrival>,
     events: VecDeque<Event>,
-    /// Answers that were lost since too many waited.
+    /// Number of answers that were lost because too many waited.
     overrun: u64,
 }
 
-/// An answer, back at the MainDevice.
+/// An answer that is back at the MainDevice.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Arrival {
-    /// When its last bit is there.
+    /// The instant at which its last bit has arrived.
     pub at: Time<Host>,
-    /// At which port: in a whole ring not at the one that the frame left.
+    /// The port at which it arrives: in a whole ring this is not the one that the frame left.
     pub port: MainPort,
-    /// From the destination address on, without check sequence.
+    /// Its bytes, from the destination address on, without check sequence.
     pub frame: Vec<u8>,
 }
 
-/// Why a call is refused. Nothing has happened then.
+/// Why a call is refused. A refused call has no effect.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Refused {
-    /// The instant lies before one that has come.
+    /// The instant lies before the present.
     Backwards {
-        /// What was asked for.
+        /// The requested instant.
         at: Time<Host>,
-        /// The present.
+        /// The present instant.
         now: Time<Host>,
     },
     /// The instant is too far ahead.
     TooFar {
-        /// What was asked for.
+        /// The requested instant.
         at: Time<Host>,
-        /// The latest that is taken.
+        /// The latest instant that is allowed.
         latest: Time<Host>,
     },
-    /// No frame has so many bytes.
+    /// No frame has this number of bytes.
     Length(usize),
-    /// There is no such port: the segment is no ring.
+    /// There is no such port, since the segment is not a ring.
     NoSuchPort,
 }
 
 impl Bus {
-    /// A segment that is switched on at `now`, on the caller's clock.
+    /// A segment that is switched on at `now` of the caller's clock.
     pub fn new(setup: impl Into<Setup>, now: Time<Host>) -> Self {
         Self {
             server: Server::new(setup, now),
@@ -101,7 +100,8 @@ impl Bus {
     }
 
     /// Sends a frame, whose first bit leaves the port at `at` or as soon as the frame before it has
-    /// left. Gives whether and when it comes back; [`receive`](Self::receive) has it then.
+    /// left. Returns whether and when it comes back; from then on [`receive`](Self::receive)
+    /// returns it.
     pub fn send(
         &mut self,
         port: MainPort,
@@ -129,7 +129,8 @@ impl Bus {
         Ok(answer)
     }
 
-    /// When the next answer is back; earlier than the present where one waits to be taken.
+    /// The instant at which the next answer is back. It is in the past if an answer is already
+    /// waiting.
     pub fn next_arrival(&self) -> Option<Time<Host>> {
         self.arrivals.front().map(|arrival| arrival.at)
     }
@@ -139,7 +140,7 @@ impl Bus {
         self.arrivals.front().filter(|arrival| arrival.at <= self.now)
     }
 
-    /// The same at one port.
+    /// The next answer at one port, if it is back by now.
     pub fn peek_at(&self, port: MainPort) -> Option<&Arrival> {
         self.arrivals.get(self.next_at(port)?)
     }
@@ -150,7 +151,7 @@ impl Bus {
         self.arrivals.pop_front()
     }
 
-    /// The same at one port: answers at the other one stay.
+    /// Takes the next answer at one port that is back by now; answers at the other port stay.
     pub fn receive_at(&mut self, port: MainPort) -> Option<Arrival> {
         let place = self.next_at(port)?;
         self.arrivals.remove(place)
@@ -161,7 +162,7 @@ impl Bus {
         back.position(|arrival| arrival.port == port)
     }
 
-    /// Time goes on to `to`.
+    /// Moves time to `to`.
     pub fn advance(&mut self, to: Time<Host>) -> Result<(), Refused> {
         self.check_within(to, LONGEST_STEP)?;
         while let Some(due) = self.server.next_timeout(self.looked).filter(|due| *due <= to) {
@@ -171,8 +172,8 @@ impl Bus {
         Ok(())
     }
 
-    /// When SubDevices are looked at next without a frame, for callers that wait:
-    /// [`advance`](Self::advance) does it on its way.
+    /// The next instant at which SubDevices are updated without a frame, for callers that wait.
+    /// [`advance`](Self::advance) does these updates on its way.
     pub fn next_timeout(&self) -> Option<Time<Host>> {
         self.server.next_timeout(self.looked)
     }
@@ -182,21 +183,21 @@ impl Bus {
         self.now
     }
 
-    /// The outputs of the device at `position`, as it took them last; `None` while they are in
-    /// their safe state, and where there is no such device.
+    /// The outputs that the device at `position` took last; `None` while they are in their safe
+    /// state, or if there is no such device.
     pub fn outputs(&mut self, position: usize) -> Option<Vec<u8>> {
         self.look(self.now);
         self.server.outputs(position)
     }
 
-    /// Sets the inputs of the device at `position` from now on; `None` gives them back to its
+    /// Sets the inputs of the device at `position` from now on; `None` returns them to its
     /// application.
     pub fn set_inputs(&mut self, position: usize, inputs: Option<&[u8]>) {
         self.look(self.now);
         self.server.set_inputs(position, inputs);
     }
 
-    /// The state of the device at `position`, and why it is there; `None` where there is no such
+    /// The state of the device at `position`, and its AL status code; `None` if there is no such
     /// device.
     pub fn state(&mut self, position: usize) -> Option<(AlState, AlStatusCode)> {
         self.look(self.now);
@@ -204,24 +205,24 @@ impl Bus {
         Some((stack.state(), stack.status_code()))
     }
 
-    /// Lets something go wrong now.
+    /// Injects a fault now.
     pub fn inject(&mut self, order: Order) -> Result<(), String> {
         self.look(self.now);
         self.server.inject(self.now, order)
     }
 
-    /// Plans that something goes wrong at an instant to come, see [`check_plan`](Self::check_plan).
+    /// Plans a fault for a later instant, see [`check_plan`](Self::check_plan).
     pub fn inject_at(&mut self, at: Time<Host>, order: Order) -> Result<(), String> {
         self.check_plan(at).map_err(|refused| refused.to_string())?;
         self.server.inject_at(at, order)
     }
 
-    /// Whether something can be planned for this instant: now, or later in the life of the bus.
+    /// Whether a fault can be planned for this instant: now, or later in the life of the bus.
     pub fn check_plan(&self, at: Time<Host>) -> Result<(), Refused> {
         self.check_within(at, LONGEST)
     }
 
-    /// The link at a port of the MainDevice goes away, or comes.
+    /// Sets or removes the link at a port of the MainDevice.
     pub fn link(&mut self, port: MainPort, up: bool) -> Result<(), Refused> {
         if port == MainPort::Secondary && !self.server.has_two_ports() {
             return Err(Refused::NoSuchPort);
@@ -236,7 +237,7 @@ impl Bus {
         self.events.pop_front()
     }
 
-    /// What happened so far, and the judges' verdict as of now. The session under way goes on.
+    /// What happened so far, and the judges' present verdict. The current session continues.
     pub fn summary(&mut self, segment_file: &str, interface: &str) -> Summary {
         self.looked = self.now;
         self.server.take_stock(self.now);
@@ -244,20 +245,20 @@ impl Bus {
         Summary::new(&self.server, segment_file, interface, self.now - self.began)
     }
 
-    /// The MainDevice is done: its session ends as of its last frame. One that sends again begins
-    /// another.
+    /// Ends the MainDevice's session at its last frame. If the MainDevice sends again, another
+    /// session begins.
     pub fn finish(&mut self) {
         self.look(self.now);
         self.server.finish(self.now);
         self.take_events();
     }
 
-    /// Answers that were lost since [`MOST_WAITING`] were not taken.
+    /// Number of answers that were lost because [`MOST_WAITING`] were waiting.
     pub fn overrun(&self) -> u64 {
         self.overrun
     }
 
-    /// The segment, to look at.
+    /// The segment, for inspection.
     pub fn server(&self) -> &Server {
         &self.server
     }
@@ -271,7 +272,7 @@ impl Bus {
         self.arrivals.insert(place, arrival);
     }
 
-    /// Lets SubDevices do what they do by themselves up to `at`.
+    /// Updates the SubDevices up to `at`.
     fn look(&mut self, at: Time<Host>) {
         self.looked = at;
         self.server.idle(at);

@@ -1,5 +1,5 @@
-//! How a MainDevice conducts itself, seen from its frames alone: the order of its steps, the rhythm
-//! of its cycle, where in the cycle its frames come.
+//! The conduct of a MainDevice as its frames alone show it: the order of its steps, the rhythm of
+//! its cycle, and the phase of its frames in the cycle.
 
 use isocat_sim::Statistics;
 use isocat_wire::datagram::{Header, Layout, Layouts, datagrams};
@@ -8,80 +8,81 @@ use isocat_wire::{AlState, Command, frame, register};
 
 use super::deed::Deed;
 
-/// When a step was first taken, and how often.
+/// The times at which a step was taken, and how often.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Done {
-    /// The first time.
+    /// The instant of the first time.
     pub first: Time<True>,
-    /// The last time.
+    /// The instant of the last time.
     pub last: Time<True>,
-    /// Datagrams.
+    /// Number of datagrams.
     pub count: u64,
 }
 
-/// Who sends.
+/// A sender of frames.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Source {
-    /// Source address of its frames.
+    /// Source address of the frames.
     pub address: [u8; 6],
-    /// Frames.
+    /// Number of frames.
     pub frames: u64,
 }
 
-/// All that is known of one session's MainDevice.
+/// Everything that is known of the MainDevice of one session.
 #[derive(Clone, Debug)]
 pub struct Conduct {
-    /// First frame.
+    /// Instant of the first frame.
     pub began: Time<True>,
-    /// Last frame.
+    /// Instant of the last frame.
     pub last: Time<True>,
-    /// Frames.
+    /// Number of frames.
     pub frames: u64,
-    /// Frames at the secondary port of a ring, which tell nothing new.
+    /// Number of frames at the secondary port of a ring, which carry no further information.
     pub second_port_frames: u64,
-    /// Who sent them; one, if all is well. More than there is room for are not told apart.
+    /// The senders of the frames; normally one. Senders beyond the size of the array are not
+    /// distinguished.
     sources: [Source; 4],
     deeds: [Option<Done>; Deed::ALL.len()],
     sync_activated: bool,
-    /// Somebody looked at SYNC afterwards.
+    /// Whether the MainDevice checked SYNC after activating it.
     sync_seen: bool,
-    /// Cyclic exchange.
+    /// The cyclic exchange.
     pub cycle: CycleConduct,
 }
 
 /// The rhythm of the cyclic exchange.
 #[derive(Clone, Debug, Default)]
 pub struct CycleConduct {
-    /// Logical address that begins a cycle: the first one that was exchanged.
+    /// Logical address that marks the start of a cycle: the first one that was exchanged.
     marker: Option<u32>,
     last: Option<Time<True>>,
-    /// From one cycle to the next, ps.
+    /// Time from one cycle to the next, ps.
     pub intervals: Statistics,
-    /// When cycles reach the reference clock, less the phase of the first: ps.
+    /// Phase at which cycles reach the reference clock, less that of the first, ps.
     pub phase: Statistics,
     first_phase: Option<i128>,
-    /// A mean of the last few phases, relative to the first.
+    /// Mean of the last few phases, relative to the first.
     recent_phase: i128,
-    /// Since the last drift datagram.
+    /// Instant of the last drift datagram.
     last_drift: Option<Time<True>>,
-    /// Longest time without a drift datagram between the first in this exchange and now.
+    /// Longest time without a drift datagram, counted from the first one in this exchange.
     pub drift_gap: Picos,
-    /// Drift datagrams in this exchange.
+    /// Number of drift datagrams in this exchange.
     pub drift: u64,
 }
 
-/// What a frame was, for the segment's own bookkeeping.
+/// The kind of a frame, for the segment's own records.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Seen {
-    /// It carried process data.
+    /// The frame carried process data.
     pub process_data: bool,
-    /// It began a cycle.
+    /// The frame began a cycle.
     pub cycle: bool,
-    /// It asked a SubDevice for this state (the lowest, if several).
+    /// The frame asked a SubDevice for this state (the lowest, if several).
     pub request: Option<AlState>,
-    /// It gave station addresses.
+    /// The frame wrote station addresses.
     pub addresses: bool,
-    /// Station (or, by position, the number) whose time it distributed.
+    /// The SubDevice whose time the frame distributed.
     pub reference: Option<Reference>,
 }
 
@@ -95,7 +96,7 @@ pub enum Reference {
 }
 
 impl Conduct {
-    /// A session that begins with a frame at `at`.
+    /// A session whose first frame is at `at`.
     pub fn new(at: Time<True>) -> Self {
         Self {
             began: at,
@@ -110,8 +111,8 @@ impl Conduct {
         }
     }
 
-    /// A frame that left the MainDevice at `at`, as it came back: `source` is its source address as
-    /// it was sent.
+    /// Adds a frame that left the MainDevice at `at`, in the form in which it came back. `source`
+    /// is its source address when it was sent.
     pub fn frame(&mut self, at: Time<True>, source: [u8; 6], bytes: &[u8]) -> Seen {
         self.last = at;
         self.frames += 1;
@@ -131,8 +132,8 @@ impl Conduct {
         seen
     }
 
-    /// A frame at the secondary port, as it came back: what it has in it the primary port says too.
-    /// Tells whether it carried process data.
+    /// Adds a frame at the secondary port, as it came back. The primary port carries the same
+    /// information. Returns whether the frame carried process data.
     pub fn second_port(&mut self, bytes: &[u8]) -> bool {
         self.second_port_frames += 1;
         let Ok(payload) = frame::payload(bytes) else { return false };
@@ -154,7 +155,8 @@ impl Conduct {
                 self.did(Deed::DistributeTime, at);
             }
             Ok(Command::Armw) if header.ado() == register::SYSTEM_TIME.address => {
-                // Every SubDevice counted it up on the way; only position 0 is common, and certain.
+                // Every SubDevice has incremented the position on the way, so only the usual
+                // position 0 can be taken.
                 seen.reference = Some(Reference::Position(0));
                 self.did(Deed::DistributeTime, at);
             }
@@ -190,19 +192,19 @@ impl Conduct {
         self.sources[3].frames += 1;
     }
 
-    /// Who sent the frames, most first.
+    /// The senders of the frames, those with most frames first.
     pub fn sources(&self) -> Vec<Source> {
         let mut sources: Vec<_> = self.sources.into_iter().filter(|s| s.frames > 0).collect();
         sources.sort_by_key(|source| std::cmp::Reverse(source.frames));
         sources
     }
 
-    /// What was done of a deed.
+    /// The times of a deed; `None` if it was never done.
     pub fn done(&self, deed: Deed) -> Option<Done> {
         self.deeds[deed as usize]
     }
 
-    /// All that was done, in the order in which it was first done.
+    /// All deeds, in the order in which they were first done.
     pub fn order(&self) -> Vec<(Deed, Done)> {
         let all = Deed::ALL.iter().filter_map(|deed| Some((*deed, self.done(*deed)?)));
         let mut all: Vec<_> = all.collect();
@@ -210,14 +212,15 @@ impl Conduct {
         all
     }
 
-    /// Whether anybody looked at SYNC after it was activated; `None` if it never was.
+    /// Whether the MainDevice checked SYNC after activating it; `None` if it never did so.
     pub fn sync_verified(&self) -> Option<bool> {
         self.done(Deed::SyncActivate).map(|_| self.sync_seen)
     }
 }
 
 impl CycleConduct {
-    /// When a cycle reached the reference clock: its system time, ps, and the cycle.
+    /// Notes that a cycle reached the reference clock at this system time, ps; `cycle` is its
+    /// length.
     pub fn reached(&mut self, system_ps: i128, cycle: Nanos) {
         let cycle = i128::from(cycle.0) * 1000;
         if cycle <= 0 {
@@ -225,8 +228,8 @@ impl CycleConduct {
         }
         let phase = system_ps.rem_euclid(cycle);
         let first = *self.first_phase.get_or_insert(phase);
-        // In the neighbourhood of the last few, so that frames that wander through the cycle go on
-        // growing, and a single late one does not seem to be of the next cycle.
+        // The offset is kept near the last few. Frames that drift through the cycle then continue
+        // to grow, and a single late frame does not count as one of the next cycle.
         let offset = phase - first;
         let turns = (self.recent_phase - offset + cycle / 2).div_euclid(cycle);
         let unwrapped = offset + turns * cycle;
@@ -234,7 +237,7 @@ impl CycleConduct {
         self.phase.push(unwrapped as i64);
     }
 
-    /// Forgets what was, at the beginning of operation; what begins a cycle is kept.
+    /// Restarts at the start of operation; only the marker of a cycle is kept.
     pub fn restart(&mut self) {
         *self = Self { marker: self.marker, last_drift: None, ..Self::default() };
     }
@@ -252,7 +255,7 @@ impl CycleConduct {
         }
     }
 
-    /// Cycles since [`restart`](Self::restart), less the first.
+    /// Number of cycles since [`restart`](Self::restart), less the first.
     pub fn count(&self) -> u64 {
         self.intervals.count()
     }

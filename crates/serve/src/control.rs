@@ -1,12 +1,12 @@
-//! Requests to a service that runs: a socket in the file system, a line each way.
+//! Requests to a running service: a socket in the file system, one line in each direction.
 //!
-//! Each client has a thread for as long as its request takes, two seconds at most, whatever it
-//! sends or does not send; with too many of them the oldest is sent away. A thread hands its
-//! request to the service and wakes it, so that a client which connects and stays silent holds up
-//! neither a frame nor another client's request.
+//! Each client has a thread for the time of its request, at most two seconds, whether or not it
+//! sends anything. If there are too many, the oldest client is disconnected. A thread hands its
+//! request to the service and wakes it. A silent client therefore blocks neither a frame nor
+//! another client's request.
 //!
-//! The socket stands in a folder that nobody else can write to, and a client asks only a service of
-//! its own user or of root: another user's socket may answer anything, without end, or never.
+//! The socket is in a folder to which no other user can write. A client asks only a service of its
+//! own user or of root, since another user's socket may answer anything, without end, or never.
 
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -23,26 +23,26 @@ use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
 
 use super::service::PATIENCE;
 
-/// Requests that wait for the service, and signals to it.
+/// Requests that wait for the service, and signals to the service.
 pub struct Requests {
     receiver: Receiver<(String, Sender<String>)>,
     signalled: Arc<AtomicBool>,
     path: PathBuf,
 }
 
-/// How long a client may take to say what it wants, and how long to take the answer.
+/// How long a client may take to send its request, and to receive the answer.
 const CLIENT: Duration = Duration::from_secs(2);
-/// How long a client waits for a service, all in all.
+/// How long a client waits for a service in total.
 const SERVICE: Duration = PATIENCE.saturating_add(CLIENT);
-/// How soon a client notices that it is to stop.
+/// How soon a client notices that it must stop.
 const SLICE: Duration = Duration::from_millis(50);
 
-/// Where the requests to the service of an interface go: in `XDG_RUNTIME_DIR` if that is this
-/// user's own, else in `/run` for root, else in `isocat-UID` in the folder for temporary files.
+/// The socket of the service of an interface: in `XDG_RUNTIME_DIR` if that is this user's own, else
+/// in `/run` for root, else in `isocat-UID` in the folder for temporary files.
 pub fn path_of(interface: &str) -> PathBuf {
     let user = rustix::process::geteuid();
     let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
-    // `sudo` may keep the variable: then the folder is another user's.
+    // `sudo` may keep the variable, and the folder then belongs to another user.
     let own = |folder: &PathBuf| {
         std::fs::metadata(folder).is_ok_and(|found| found.is_dir() && found.uid() == user.as_raw())
     };
@@ -54,7 +54,7 @@ pub fn path_of(interface: &str) -> PathBuf {
     folder.join(file_of(interface))
 }
 
-/// Where somebody serves on an interface: [`path_of`] for this user, or root's.
+/// The socket of the service that runs on an interface: [`path_of`] for this user, or root's.
 pub fn find(interface: &str) -> PathBuf {
     let own = path_of(interface);
     let root = Path::new("/run").join(file_of(interface));
@@ -68,7 +68,7 @@ pub fn find_served(name: &str) -> PathBuf {
     if !path.exists() && veth.exists() { veth } else { path }
 }
 
-/// Whether somebody answers there.
+/// Whether a service answers at this socket.
 pub fn is_served(path: &Path) -> bool {
     connect(path, Instant::now() + CLIENT, &AtomicBool::new(false)).is_ok()
 }
@@ -77,12 +77,12 @@ fn file_of(interface: &str) -> String {
     format!("isocat-{interface}.sock")
 }
 
-/// A folder in which no other user can put a socket in the place of ours: its owner is this user or
-/// root, and others may not write, or may not remove what is not theirs.
+/// Checks that no other user can replace the socket in its folder: the owner must be this user or
+/// root, and others must not be able to write, or not to remove files of others.
 fn check_folder(path: &Path) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
-    // A link would lead to wherever its owner wants.
+    // A link could lead to any place that its owner chooses.
     let found = std::fs::symlink_metadata(folder)?;
     let owner = found.uid();
     let mode = found.mode();
@@ -102,7 +102,7 @@ fn check_folder(path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// This user, or root.
+/// Whether this is the present user or root.
 fn is_trusted(user: u32) -> bool {
     user == 0 || user == rustix::process::geteuid().as_raw()
 }
@@ -119,7 +119,8 @@ fn untrusted(path: &Path, owner: u32) -> io::Error {
 }
 
 impl Requests {
-    /// Listens, and has signals (SIGINT, SIGTERM, SIGHUP) end the service. Gives what wakes it.
+    /// Listens, and lets signals (SIGINT, SIGTERM, SIGHUP) end the service. Returns the socket that
+    /// wakes it.
     pub fn listen(path: &Path) -> io::Result<(Self, UnixStream)> {
         let own = path.parent().filter(|folder| folder.parent() == Some(&*std::env::temp_dir()));
         if let Some(folder) = own.filter(|folder| !folder.exists()) {
@@ -130,11 +131,11 @@ impl Requests {
             let message = "another isocat serves there already";
             return Err(io::Error::new(io::ErrorKind::AddrInUse, message));
         }
-        // Of a process that could not clean up; nobody answers there.
+        // The socket is left over from a process that could not clean up; no service answers there.
         let _ = std::fs::remove_file(path);
         let listener = UnixListener::bind(path)?;
         let (wake, waker) = UnixStream::pair()?;
-        // A pipe that is full wakes the service as well as one byte more would.
+        // A full pipe wakes the service as well as another byte would.
         waker.set_nonblocking(true)?;
         let signalled = Arc::new(AtomicBool::new(false));
         for signal in signal_hook::consts::TERM_SIGNALS {
@@ -151,16 +152,16 @@ impl Requests {
         Ok((Self { receiver, signalled, path: path.to_owned() }, wake))
     }
 
-    /// Whether a signal has asked for the end.
+    /// Whether a signal has asked the service to end.
     pub(crate) fn signalled(&self) -> bool {
         self.signalled.load(Ordering::Relaxed)
     }
 
-    /// Answers all requests that wait.
+    /// Answers all waiting requests.
     pub fn answer(&self, mut how: impl FnMut(&str) -> String) {
         while let Ok((request, reply)) = self.receiver.try_recv() {
             let answer = how(&request);
-            // A client that went away does not want to know.
+            // The client may have disconnected and needs no answer.
             let _ = reply.send(answer);
         }
     }
@@ -180,25 +181,25 @@ fn attend_all(
     let mut clients: VecDeque<Weak<UnixStream>> = VecDeque::new();
     for client in listener.incoming() {
         let Ok(client) = client else {
-            // Out of descriptors, say: not at once again.
+            // For example, there are no free descriptors: wait before the next try.
             std::thread::sleep(SLICE);
             continue;
         };
-        // One that is done has been closed by its thread.
+        // The thread of a finished client has closed its socket.
         clients.retain(|client| client.strong_count() > 0);
         if clients.len() >= limits::CONTROL_CLIENTS
             && let Some(oldest) = clients.pop_front().and_then(|oldest| oldest.upgrade())
         {
-            // Its thread reads the end.
+            // The client's thread then reads an end of file.
             let _ = oldest.shutdown(std::net::Shutdown::Both);
         }
         let client = Arc::new(client);
         let Ok(waker) = waker.try_clone() else { continue };
         clients.push_back(Arc::downgrade(&client));
         let sender = sender.clone();
-        // Without a thread it is closed at once.
+        // If no thread can be started, the client is closed at once.
         let _ = std::thread::Builder::new().name("client".into()).spawn(move || {
-            // One that hangs up or misbehaves is its own trouble.
+            // Errors of a client do not concern the service.
             let _ = attend(&client, &sender, &waker);
         });
     }
@@ -222,12 +223,12 @@ fn attend(
     write(client, answer.as_bytes(), Instant::now() + CLIENT, &never)
 }
 
-/// Sends a request to a service and gives its answer, of 64 MiB at most and within seven seconds.
+/// Sends a request to a service and returns its answer, at most 64 MiB and within seven seconds.
 pub fn request(path: &Path, request: &str) -> io::Result<String> {
     self::request_until(path, request, &AtomicBool::new(false))
 }
 
-/// The same, but ends at once when `stop` is set.
+/// As [`request`], but ends at once when `stop` is set.
 pub fn request_until(path: &Path, request: &str, stop: &AtomicBool) -> io::Result<String> {
     let until = Instant::now() + SERVICE;
     let stream = connect(path, until, stop)?;
@@ -248,12 +249,12 @@ fn connect(path: &Path, until: Instant, stop: &AtomicBool) -> io::Result<UnixStr
     loop {
         match rustix::net::connect(&socket, &address) {
             Ok(()) => break,
-            // Its queue is full: it may be busy, or never take anybody.
+            // The queue of the service is full: it may be busy, or may never accept a client.
             Err(rustix::io::Errno::AGAIN) => wait(until, stop)?,
             Err(error) => return Err(error.into()),
         }
     }
-    // Who listens really, whatever the file system says.
+    // The owner of the listening process, which may differ from that of the file.
     let peer = rustix::net::sockopt::socket_peercred(&socket)?.uid.as_raw();
     if !is_trusted(peer) {
         return Err(untrusted(path, peer));
@@ -269,7 +270,7 @@ fn wait(until: Instant, stop: &AtomicBool) -> io::Result<()> {
     Ok(())
 }
 
-/// How long to wait at once.
+/// The length of one wait.
 fn left(until: Instant, stop: &AtomicBool) -> io::Result<Duration> {
     if stop.load(Ordering::Relaxed) {
         return Err(io::Error::new(io::ErrorKind::Interrupted, "interrupted"));
@@ -286,7 +287,8 @@ fn is_timeout(error: &io::Error) -> bool {
     matches!(error.kind(), WouldBlock | TimedOut | Interrupted)
 }
 
-/// Reads a line, or everything, of a bounded length within a bounded time, however slowly it drips.
+/// Reads a line, or everything, of limited length within a limited time, even if it arrives byte by
+/// byte.
 fn read(
     mut stream: &UnixStream,
     most: usize,
@@ -318,7 +320,7 @@ fn read(
     String::from_utf8(read).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
 }
 
-/// Writes it all within a bounded time.
+/// Writes everything within a limited time.
 fn write(
     mut stream: &UnixStream,
     mut bytes: &[u8],

@@ -1,4 +1,4 @@
-//! What a MainDevice can do on the way up, recognized from its datagrams alone.
+//! The steps of a MainDevice at start-up, recognized from its datagrams alone.
 
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::al::{AlControl, AlState};
@@ -15,9 +15,9 @@ macro_rules! deeds {
             $($(#[$doc])* $name,)*
         }
         impl Deed {
-            /// All of them.
+            /// All deeds.
             pub const ALL: &'static [Self] = &[$(Self::$name,)*];
-            /// In words, as a line of a list.
+            /// The deed in words, as a line of a list.
             pub const fn words(self) -> &'static str {
                 match self {
                     $(Self::$name => $words,)*
@@ -44,13 +44,13 @@ deeds! {
     RequestPreOp: "requests PREOP",
     /// AL control.
     RequestBoot: "requests BOOT",
-    /// An SDO of another object.
+    /// An SDO for an object that no other deed names.
     Sdo: "reads and writes objects (SDO)",
-    /// SDO upload of 0x1C32 or 0x1C33, other than below.
+    /// SDO upload of 0x1C32 or 0x1C33, except for the sub-indices of `ReadSyncTimes`.
     ReadSyncObjects: "reads 0x1C32/0x1C33",
-    /// SDO upload of their sub-index 05 or 06, or of the whole object.
+    /// SDO upload of sub-index 05 or 06 of 0x1C32 or 0x1C33, or of the whole object.
     ReadSyncTimes: "reads 0x1C32/0x1C33 :05 or :06, the times that the cycle must fit",
-    /// SDO download of their sub-index 01.
+    /// SDO download of sub-index 01 of 0x1C32 or 0x1C33.
     WriteSyncType: "writes 0x1C32/0x1C33:01, the synchronization type",
     /// SDO download of 0x1C12 or 0x1C13.
     AssignPdos: "assigns PDOs (0x1C12, 0x1C13)",
@@ -78,7 +78,7 @@ deeds! {
     SyncStart: "writes SYNC start times (0x0990)",
     /// Register 0x0981, not zero.
     SyncActivate: "activates SYNC (0x0981)",
-    /// Reads 0x0984 or 0x0990 after that.
+    /// Reads 0x0984 or 0x0990 after SYNC was activated.
     SeeSync: "looks whether SYNC runs (0x0984, 0x0990)",
     /// AL control.
     RequestSafeOp: "requests SAFEOP",
@@ -93,8 +93,8 @@ deeds! {
 }
 
 impl Deed {
-    /// Tells `did` what a datagram with this header and data does; one that wrote several registers
-    /// at once does several things.
+    /// Calls `did` with each deed of a datagram with this header and data. A datagram that writes
+    /// several registers may contain several deeds.
     pub fn read(header: &Header, data: &[u8], mut did: impl FnMut(Deed)) {
         use Command::*;
         let Ok(command) = header.command() else { return };
@@ -103,7 +103,7 @@ impl Deed {
             Frmw | Armw if header.ado() == register::SYSTEM_TIME.address => {
                 return did(Deed::DistributeTime);
             }
-            // Of AL status it only asks how far they are.
+            // A read of AL status only asks for the progress.
             Brd if header.ado() != register::AL_STATUS.address => did(Deed::Count),
             _ => {}
         }
@@ -114,7 +114,7 @@ impl Deed {
         }
     }
 
-    /// The request of this state.
+    /// The deed that requests this state.
     pub const fn request(state: AlState) -> Self {
         match state {
             AlState::Init => Self::RequestInit,
@@ -126,7 +126,7 @@ impl Deed {
     }
 }
 
-/// Addresses that a datagram touches.
+/// The addresses that a datagram covers.
 #[derive(Clone, Copy)]
 struct Span {
     first: usize,
@@ -139,7 +139,7 @@ impl Span {
         Self { first, end: first + usize::from(header.len) }
     }
 
-    /// The data that go to these addresses.
+    /// The part of the data for these addresses.
     fn part(self, data: &[u8], first: u16, len: usize) -> &[u8] {
         let at = |address: usize| address.saturating_sub(self.first).min(data.len());
         &data[at(first.into())..at(usize::from(first) + len)]
@@ -196,7 +196,7 @@ fn writes(span: Span, data: &[u8], mut did: impl FnMut(Deed)) {
             _ => {}
         }
     }
-    // What is cleared is not set.
+    // Cleared registers are not configured.
     let sync_managers = register::SM_0.address;
     for (first, len, deed) in [
         (register::FMMU_0.address, 0x100, Deed::Fmmus),
@@ -216,13 +216,13 @@ fn writes(span: Span, data: &[u8], mut did: impl FnMut(Deed)) {
 /// The two bytes that are written to a register.
 fn word(span: Span, data: &[u8], address: u16) -> Option<[u8; 2]> {
     let at = usize::from(address).checked_sub(span.first)?;
-    // Some write the low byte only.
+    // Some MainDevices write the low byte only.
     let low = *data.get(at)?;
     Some([low, data.get(at + 1).copied().unwrap_or(0)])
 }
 
-/// What a mailbox message asks for; `None` for other protocols than CoE and what follows an
-/// initiate message.
+/// The deed of a mailbox message; `None` for protocols other than CoE, and for messages that follow
+/// an initiate message.
 fn mailbox_service(data: &[u8]) -> Option<Deed> {
     let header = mailbox::Header::parse(data.first_chunk()?);
     let coe_header = coe::Header::parse(*data.get(mailbox::HEADER_LEN..)?.first_chunk()?);
@@ -302,7 +302,7 @@ mod tests {
     fn mailbox_messages_tell_which_object() {
         let sdo = |command: u8, index: u16, sub: u8| {
             let [low, high] = index.to_le_bytes();
-            // Mailbox header, CoE header (SDO request), initiate message.
+            // The bytes are mailbox header, CoE header (SDO request), initiate message.
             vec![10, 0, 0, 0, 0, 0x13, 0, 0x20, command, low, high, sub, 0, 0, 0, 0]
         };
         use Deed::*;

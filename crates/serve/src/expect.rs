@@ -1,8 +1,8 @@
-//! What is expected of a served segment, held against what its judges saw in true time.
+//! Compares the expectations of a served segment with what its judges saw in true time.
 //!
-//! The whole service is one run: from the first instant at which all SubDevices that a MainDevice
-//! asked for are in OP, to where the last MainDevice begins to take the segment down, or its frames
-//! stop. What lies between, a MainDevice that is started anew among it, is part of the run.
+//! The whole service is one run. It begins when all SubDevices that a MainDevice asked for are in
+//! OP. It ends when the last MainDevice begins to shut the segment down, or when its frames stop.
+//! Everything in between is part of the run, even a restart of the MainDevice.
 
 use isocat_sim::bench::{Intent, Measured};
 use isocat_sim::course::Course;
@@ -16,26 +16,26 @@ use isocat_wire::time::{Time, True};
 use crate::server::{LeftOut, Session};
 use crate::verdict::Judged;
 
-/// Follows a served segment for what is expected of it.
+/// Observes a served segment for its expectations.
 pub(crate) struct Watch {
     expectations: Vec<Expectation>,
-    /// A fault of the segment file concerns the MainDevice's machine, and can't happen here.
+    /// A fault of the segment file concerns the MainDevice's machine, so it cannot happen here.
     has_host_faults: bool,
-    /// Of the whole service since it first came into operation.
+    /// The course of the whole service since it first came into operation.
     course: Option<Course>,
-    /// By position: the judges know the grid of its SYNC0. While a SubDevice is brought back, its
-    /// SYNC unit may be written anew.
+    /// By position: whether the judges know the grid of the SubDevice's SYNC0. While a SubDevice is
+    /// brought back, its SYNC unit may be configured again.
     on_grid: Vec<bool>,
-    /// The end of the run, should nothing follow.
+    /// The end of the run, if nothing follows.
     end: Option<End>,
 }
 
-/// Where the run ends, unless it goes on.
+/// An end of the run that is still open.
 struct End {
     at: Time<True>,
-    /// The course up to there.
+    /// The course up to that instant.
     course: Course,
-    /// The MainDevice asked for a lower state; else its frames stopped.
+    /// The MainDevice asked for a lower state; otherwise its frames stopped.
     on_the_way_down: bool,
 }
 
@@ -45,8 +45,8 @@ impl Watch {
         Self { expectations, has_host_faults, course: None, on_grid, end: None }
     }
 
-    /// All SubDevices that were asked for are in OP, for the first time or again, on the grids that
-    /// are written into them now.
+    /// All SubDevices that were asked for are in OP, for the first time or again. Their grids are
+    /// those that are now in their registers.
     pub fn in_operation(&mut self, at: Time<True>, intent: &Intent, states: &[AlState]) {
         if self.expectations.is_empty() {
             return;
@@ -59,12 +59,12 @@ impl Watch {
         }
     }
 
-    /// Whether there is anything to follow.
+    /// Whether a run is being observed.
     pub fn follows(&self) -> bool {
         self.course.is_some()
     }
 
-    /// Something happened at a SubDevice, and what the judges measured with it. `is_judged`: the
+    /// Adds an observation of a SubDevice, and what the judges measured with it. `is_judged`: the
     /// segment is in operation.
     pub fn observe(
         &mut self,
@@ -83,9 +83,9 @@ impl Watch {
         course.observe(device, at, event, measured);
     }
 
-    /// The MainDevice asks for a state, and asked for another one before. From the first request
-    /// for a lower one on it takes the segment down, unless it leads SubDevices upward again: to
-    /// OP, or to any state while others are in OP.
+    /// The MainDevice asks for the state `now`, after the state `before`. The shutdown begins with
+    /// the first request for a lower state. It does not if the MainDevice is raising SubDevices
+    /// again: to OP, or to any state while others are in OP.
     pub fn asked(&mut self, at: Time<True>, (before, now): (AlState, AlState), states: &[AlState]) {
         let Some(course) = &self.course else { return };
         let is_upward = now == AlState::Op || now as u8 > before as u8;
@@ -98,20 +98,20 @@ impl Watch {
         }
     }
 
-    /// Frames have stopped after the one that left at `last`: what comes from here on may be the
-    /// silence's doing.
+    /// Frames have stopped after the one that left at `last`: later events may be effects of the
+    /// silence.
     pub fn is_silent(&mut self, last: Time<True>) {
         if let (Some(course), None) = (&self.course, &self.end) {
             self.end = Some(End::of(course, last, false));
         }
     }
 
-    /// Frames come again, so the silence was part of the run.
+    /// Frames have resumed, so the silence was part of the run.
     pub fn goes_on(&mut self) {
         self.end.take_if(|end| !end.on_the_way_down);
     }
 
-    /// What became of the expectations as of `now`.
+    /// The judgements of the expectations as of `now`.
     pub fn judgements<'a>(
         &self,
         now: Time<True>,
@@ -145,14 +145,15 @@ impl Watch {
             Expectation::RecoversWithin(_) if nothing_happens => {
                 unmet(*expectation, Found::NoFault)
             }
-            // Outputs have to go safe also where frames stop in the middle.
+            // Outputs must go safe even if frames stop in the middle.
             Expectation::SafeWithin(_) => expectation.judge(&to_its_end),
             _ => expectation.judge(&evidence),
         };
         self.expectations.iter().map(judge).collect()
     }
 
-    /// When the first SubDevices came into operation; `None` before, and if nothing is expected.
+    /// The instant at which SubDevices first came into operation; `None` before that, or without
+    /// expectations.
     pub fn began(&self) -> Option<Time<True>> {
         self.course.as_ref().map(Course::began)
     }
@@ -170,8 +171,8 @@ fn unmet(expectation: Expectation, found: Found) -> Judgement {
     Judgement { expectation, met: false, found }
 }
 
-/// What speaks against all stretches of operation, in the order of time; what has no time of its
-/// own comes last.
+/// The findings of all stretches of operation, in the order of time. A finding without a time of
+/// its own comes last.
 fn findings<'a>(sessions: impl Iterator<Item = &'a Session>) -> Vec<Finding> {
     let stretches = sessions.flat_map(|session| session.earlier.iter().chain(&session.judged));
     let of_stretch = |judged: &'a Judged| {
@@ -193,7 +194,7 @@ mod tests {
 
     const MS: u64 = 1_000_000_000;
 
-    /// In operation since 100 ms.
+    /// A segment in operation since 100 ms.
     fn watch(expectations: &[Expectation]) -> Watch {
         let grid = Grid { cycle: Nanos::millis(1), phase: Nanos::ZERO };
         let intent = Intent {
@@ -226,13 +227,13 @@ mod tests {
         let up = [Op, Op];
         assert_eq!(end_after(&[]), None);
         assert_eq!(end_after(&[(200, SafeOp, up), (300, PreOp, up), (400, Init, up)]), Some(200));
-        // One that fell is brought back.
+        // A SubDevice that left OP is brought back.
         let fallen = [Op, SafeOp];
         assert_eq!(end_after(&[(200, SafeOp, fallen), (201, Op, fallen)]), None);
-        // It can't be brought back, until all are taken down.
+        // It cannot be brought back, until all are shut down.
         let tries = [(200, Init, fallen), (201, PreOp, fallen), (300, Init, fallen)];
         assert_eq!(end_after(&tries), Some(300));
-        // All were taken down, and a program looks who is there.
+        // All were shut down, and a program then scans the segment.
         let down = [Init, Init];
         assert_eq!(end_after(&[(200, Init, up), (900, PreOp, down), (999, Init, down)]), Some(200));
         assert_eq!(end_after(&[(200, Init, up), (900, PreOp, down), (999, Op, down)]), None);

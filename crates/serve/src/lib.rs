@@ -1,18 +1,18 @@
-//! The virtual segment on a network interface, for anybody's MainDevice.
+//! The virtual segment on a network interface, for any MainDevice.
 //!
-//! Data's way: [`service`] takes frames from a raw socket, with the kernel's stamp of their
-//! arrival, and hands them to the [`server`]; the answer goes back before anything else is done.
-//! Then [`conduct`] looks what the MainDevice did ([`deed`] names its steps), the simulation's
-//! judges look how the SubDevices fared, and [`verdict`] puts that into words. An [`Order`] is what
-//! can be done to the segment meanwhile, asked for through [`control`]. `expect` holds what the
-//! segment file expects against all of it, and [`summary`] tells it at the end.
+//! The way of the data: [`service`] takes frames from a raw socket, with the kernel's stamp of
+//! their arrival, and hands them to the [`server`]; the answer is sent before anything else is
+//! done. Then [`conduct`] records what the MainDevice did ([`deed`] names its steps), the
+//! simulation's judges check the SubDevices, and [`verdict`] collects their results. An [`Order`]
+//! is a fault for the segment, which [`control`] accepts meanwhile. `expect` compares the segment
+//! file's expectations with all of it, and [`summary`] reports it at the end.
 //!
-//! Only `service` and `control` know sockets and Linux. The rest is a core for other doors and for
-//! tests: frames and instants go in, answers come out with the instant at which their last bit is
-//! back, whatever clock the instants are from. Devices may have applications of the caller's own
-//! ([`Setup::with_application`]), and the caller sees and sets their process data
-//! ([`Server::outputs`], [`Server::set_inputs`]). A [`Bus`] is a server in virtual time, with the
-//! answers that are under way: for doors that a program or a test drives.
+//! Only `service` and `control` use sockets and Linux. The rest is a core for other interfaces and
+//! for tests: frames and instants go in, and answers come out with the instant at which their last
+//! bit is back, on any clock. Devices may have applications of the caller
+//! ([`Setup::with_application`]), and the caller can read and set their process data
+//! ([`Server::outputs`], [`Server::set_inputs`]). A [`Bus`] is a server in virtual time that also
+//! keeps the answers under way, for interfaces that a program or a test drives.
 #![forbid(unsafe_code)]
 
 pub mod bus;

@@ -1,8 +1,9 @@
-//! The process data of a served device, for a caller that looks at them and sets them.
+//! The process data of a served device, for a caller that reads and sets them.
 //!
-//! Each device's own application runs behind a [`Door`]: the door keeps a copy of the outputs that the application takes, and puts the
-//! caller's inputs over those that the application gives. Both happen in the device's own steps, so that what the caller sets is on the
-//! wire when the device has mapped its inputs the next time, and not before.
+//! Each device's application runs behind a [`Door`]. The door keeps a copy of the outputs that the
+//! application gets, and replaces the application's inputs by the caller's. Both happen in the
+//! device's own steps, so the caller's inputs are on the wire when the device maps its inputs the
+//! next time, and not before.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -11,35 +12,36 @@ use isocat_sync::Event;
 use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, ObjectAddress};
 
-/// What the caller and the device share.
+/// The data that the caller and the device share.
 #[derive(Debug)]
 pub(crate) struct ProcessData {
-    /// Outputs as the device took them last. The room stays, so that a cycle allocates nothing.
+    /// The outputs that the device took last. The memory is kept, so that a cycle allocates
+    /// nothing.
     outputs: Vec<u8>,
-    /// The device drives its outputs; else they are in their safe state.
+    /// The device drives its outputs; otherwise they are in their safe state.
     driven: bool,
-    /// The caller's inputs; `None`: the application's own.
+    /// The caller's inputs; `None` if the application's are used.
     inputs: Option<Vec<u8>>,
 }
 
-/// The caller's end of a [`Door`].
+/// The caller's side of a [`Door`].
 #[derive(Clone, Debug)]
 pub(crate) struct Handle(Arc<Mutex<ProcessData>>);
 
 impl Handle {
-    /// Of a device whose outputs have so many bytes at most.
+    /// A handle for a device with at most this many bytes of outputs.
     pub fn new(most_outputs: u16) -> Self {
         let outputs = Vec::with_capacity(most_outputs.into());
         Self(Arc::new(Mutex::new(ProcessData { outputs, driven: false, inputs: None })))
     }
 
-    /// Outputs as the device took them last; `None` while they are in their safe state.
+    /// The outputs that the device took last; `None` while they are in their safe state.
     pub fn outputs(&self) -> Option<Vec<u8>> {
         let data = self.lock();
         data.driven.then(|| data.outputs.clone())
     }
 
-    /// Sets the inputs, or gives them back to the application.
+    /// Sets the inputs; `None` returns them to the application.
     pub fn set_inputs(&self, inputs: Option<&[u8]>) {
         self.lock().inputs = inputs.map(<[u8]>::to_vec);
     }
@@ -50,12 +52,12 @@ impl Handle {
     }
 
     fn lock(&self) -> MutexGuard<'_, ProcessData> {
-        // Nothing is left half done by a panic: the image is replaced as a whole.
+        // A panic leaves nothing half done, since the image is replaced as a whole.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// An application whose process data the caller sees.
+/// An application whose process data the caller can read and set.
 struct Door {
     data: Handle,
     application: Box<dyn Application + Send>,

@@ -1,4 +1,5 @@
-//! The served segment without sockets and threads: frames and host time in, answers and events out.
+//! The served segment without sockets and threads: frames and host time go in, answers and events
+//! come out.
 
 use std::collections::VecDeque;
 
@@ -25,14 +26,14 @@ use crate::taps;
 
 /// A virtual segment for frames from outside.
 ///
-/// - For every frame: [`frame`](Self::frame) gives its [`Answer`] ([`frame_at`](Self::frame_at)
-///   with two ports); when that is on its way, [`after`](Self::after).
+/// - For every frame: [`frame`](Self::frame) returns its [`Answer`] ([`frame_at`](Self::frame_at)
+///   with two ports); after the answer is sent, [`after`](Self::after).
 /// - Ports of a ring: [`has_two_ports`](Self::has_two_ports), [`link`](Self::link).
-/// - While nothing comes: [`idle`](Self::idle), at [`next_timeout`](Self::next_timeout) at the
+/// - While no frames come: [`idle`](Self::idle), at [`next_timeout`](Self::next_timeout) at the
 ///   latest.
 /// - Process data: [`outputs`](Self::outputs), [`set_inputs`](Self::set_inputs).
-/// - What happened: [`poll_event`](Self::poll_event); all of it at the end:
-///   [`sessions`](Self::sessions) after [`finish`](Self::finish).
+/// - Results: [`poll_event`](Self::poll_event) for each event, and [`sessions`](Self::sessions) at
+///   the end, after [`finish`](Self::finish).
 pub struct Server {
     served: Served,
     /// The process data of each SubDevice.
@@ -42,201 +43,203 @@ pub struct Server {
     outputs_spread: Picos,
     events: VecDeque<Event>,
     ended: Vec<Session>,
-    /// How many sessions and faults are remembered no more.
+    /// Number of sessions and faults that were dropped.
     left_out: LeftOut,
     session: Option<Session>,
-    /// The frame that passed last.
+    /// The last frame that passed.
     passage: Option<Passage>,
     source: [u8; 6],
-    /// Host time of the last frame, and of the last look at the clock.
+    /// Host time of the last frame, and the last host time that was given.
     last_frame: Time<Host>,
-    /// The SubDevice whose time was distributed last.
+    /// The SubDevice whose time was last distributed.
     reference: Option<(Reference, usize)>,
     counts: Counts,
     ring: bool,
-    /// The caller lets faults of the MainDevice's machine happen.
+    /// Whether the caller executes faults of the MainDevice's machine.
     has_host: bool,
-    /// Since when frames come from the secondary port alone.
+    /// The instant since which frames come from the secondary port only.
     secondary_alone: Option<Time<True>>,
-    /// State of each SubDevice as of the last observation.
+    /// State of each SubDevice at the last observation.
     states: Vec<AlState>,
-    /// The last events, for who asks what happened.
+    /// The last events, for status requests.
     told: VecDeque<Told>,
-    /// Sees what is of late, once somebody has asked.
+    /// Collects recent figures, from the first status request on.
     onlooker: Option<Box<Onlooker>>,
-    /// Follows it all for what is expected.
+    /// Observes the segment for its expectations.
     watch: Watch,
-    /// Keeps what happens.
+    /// Records what happens.
     tap: Option<Box<dyn Tap + Send>>,
-    /// Judged cycles, of all sessions.
+    /// Number of judged cycles in all sessions.
     cycles: u64,
 }
 
-/// What is to become of a frame.
+/// The fate of a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Answer {
-    /// It goes back.
+    /// The frame goes back.
     Back {
-        /// At which port of the MainDevice: in a whole ring not at the one that it left.
+        /// The port of the MainDevice at which it arrives: in a whole ring this is not the one that
+        /// it left.
         port: MainPort,
-        /// When its last bit is back at the MainDevice's port, if the wire is all that takes time;
-        /// a delay that was asked for is in it. Never earlier than true time: rounded up to the ns.
+        /// The instant at which its last bit is back at the MainDevice's port, if only the wire
+        /// takes time. It includes an injected delay. It is rounded up to the ns, so never before
+        /// the true instant.
         last_bit: Time<Host>,
-        /// For a door in real time, whose own answer takes longer than the wire: the answer is held
-        /// back until then. `None`: it is to leave at once.
+        /// For an interface in real time, which itself takes longer than the wire: the answer must
+        /// be held back until this instant. `None`: it must leave at once.
         hold: Option<Time<Host>>,
     },
-    /// It does not go back.
+    /// The frame does not go back.
     Lost,
 }
 
-/// Frames of all sessions.
+/// Counters of the frames of all sessions.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Counts {
     /// Frames that came in.
     pub frames: u64,
     /// Frames that came back.
     pub answered: u64,
-    /// Frames that were lost in the segment or by a fault that was asked for.
+    /// Frames that were lost in the segment or by an injected fault.
     pub lost: u64,
-    /// Frames that had to wait since they came faster than a wire carries them.
+    /// Frames that had to wait because they came faster than a wire carries them.
     pub held: u64,
 }
 
-/// What happened so long ago that it is only counted.
+/// Counts of old sessions and faults that were dropped.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct LeftOut {
-    /// Sessions.
+    /// Number of sessions.
     pub sessions: u64,
-    /// Faults that were asked for.
+    /// Number of injected faults.
     pub faults: u64,
 }
 
-/// From the first frame of a MainDevice to its last.
+/// The time from the first frame of a MainDevice to its last.
 #[derive(Clone, Debug)]
 pub struct Session {
-    /// What the MainDevice did.
+    /// The conduct of the MainDevice.
     pub conduct: Conduct,
-    /// First and last SubDevice that reached each of PREOP, SAFEOP, OP.
+    /// For each of PREOP, SAFEOP and OP: the first and the last SubDevice that reached it.
     pub reached: [Option<Reached>; 3],
-    /// States that were refused, in order; not more than a few.
+    /// Refused and lost states in order; only the first few are kept.
     pub refused: Vec<Refused>,
-    /// The last stretch of operation; `None` if no SubDevice ever was in OP.
+    /// The last stretch of operation; `None` if no SubDevice was ever in OP.
     pub judged: Option<Judged>,
-    /// Stretches before it, each ended by a SubDevice that was asked to leave OP, as one that fell
+    /// Earlier stretches. Each ended when a SubDevice was asked to leave OP, as one that has fallen
     /// is.
     pub earlier: Vec<Judged>,
-    /// More of them, which are only counted.
+    /// Number of further stretches, which are only counted.
     pub earlier_left_out: u64,
-    /// How it ended.
+    /// The end of the session.
     pub end: End,
-    /// The judging goes on.
+    /// The judges are at work.
     judging: bool,
-    /// Frames have stopped; the judges' view is as of then.
+    /// Frames have stopped; the judges' results are as of then.
     silent: bool,
-    /// The state that was last asked for.
+    /// The last requested state.
     requested: AlState,
-    /// The state that was asked for before the last pause in the exchange, until the exchange goes
-    /// on.
+    /// The state that was requested before the last pause in the exchange; kept until the exchange
+    /// continues.
     paused: Option<AlState>,
     pending: bool,
 }
 
-/// SubDevices that reached a state.
+/// The SubDevices that reached a state.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Reached {
-    /// The first one.
+    /// Instant of the first one.
     pub first: Time<True>,
-    /// The last one so far.
+    /// Instant of the last one so far.
     pub last: Time<True>,
-    /// How many went there, each counted as often as it did.
+    /// Number of times that a SubDevice reached the state.
     pub count: u64,
 }
 
-/// A SubDevice that fell or refused.
+/// A SubDevice that left a state by itself or refused one.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Refused {
-    /// When.
+    /// The instant.
     pub at: Time<True>,
-    /// Position.
+    /// Position of the SubDevice.
     pub device: usize,
-    /// Where it is now.
+    /// Its present state.
     pub state: AlState,
-    /// Why.
+    /// The reason.
     pub code: AlStatusCode,
 }
 
 /// How a session ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum End {
-    /// It goes on.
+    /// The session is still open.
     Open,
-    /// Frames stopped when no SubDevice was above PREOP.
+    /// Frames stopped, and the last requested state was below SAFEOP.
     Down,
-    /// Frames stopped in the middle.
+    /// Frames stopped, and the last requested state was SAFEOP or OP.
     Abrupt,
 }
 
-/// Something that happened.
+/// An event of the served segment.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Event {
-    /// A MainDevice begins to send.
+    /// A MainDevice has begun to send.
     SessionBegan {
         /// Its source address.
         source: [u8; 6],
     },
     /// A SubDevice changed its state.
     State {
-        /// When, true time.
+        /// The instant, true time.
         at: Time<True>,
-        /// Position.
+        /// Position of the SubDevice.
         device: usize,
         /// The new state.
         state: AlState,
-        /// Why, if it was not asked to.
+        /// The reason, if the change was not requested.
         code: AlStatusCode,
     },
-    /// All SubDevices that were asked to be in OP are: the judges begin.
+    /// All SubDevices that were asked for are in OP, and the judges begin.
     InOperation {
-        /// How many.
+        /// Number of SubDevices in OP.
         devices: usize,
     },
     /// A fault began or ended.
     Fault(Happened),
-    /// Nothing has been sent for a while.
+    /// No frame has been sent for a while.
     SessionEnded {
-        /// In the middle.
+        /// Whether the last requested state was SAFEOP or OP.
         abrupt: bool,
     },
 }
 
-/// Silence that ends a session. Longer than any MainDevice waits for a mailbox or a state.
+/// Length of a silence that ends a session. No MainDevice waits as long for a mailbox or a state.
 pub const SILENCE: Nanos = Nanos::millis(15_000);
-/// Silence in operation that is always let pass, whatever the cycle.
+/// Length of a silence in operation that is always tolerated, whatever the cycle.
 const LEAST_HUSH: Nanos = Nanos::micros(200);
 /// How far frames may be ahead of the wire before they are held back to its speed.
 const LEAD: Nanos = Nanos::millis(1);
-/// While something may happen by itself, the segment is looked at this often.
+/// Interval of updates while the segment may change by itself.
 pub const TICK: Nanos = Nanos::millis(100);
-/// Silence between the last frame of one session that went back to INIT and the first of another,
-/// at least.
+/// Least silence between a session that went back to INIT and the next one.
 const PAUSE_DOWN: Nanos = Nanos::millis(50);
-/// The same after a session that did not.
+/// Least silence after a session that did not go back to INIT.
 const PAUSE: Nanos = Nanos::millis(250);
-/// Who sent a frame this long ago is still there.
+/// A sender of a frame within this time counts as still present.
 const STILL_THERE: Nanos = Nanos::millis(1_000);
-/// Frames from the secondary port are copies, or what else a MainDevice does for its ring, unless
-/// the primary port has been silent for this long.
+/// Frames from the secondary port are copies, or frames that a MainDevice sends for its ring,
+/// unless the primary port has been silent for this long.
 const ALONE: Picos = Picos(100_000_000_000);
-/// Refusals that are remembered.
+/// Number of refusals that are kept.
 const MOST_REFUSED: usize = 32;
-/// Stretches of operation that are remembered.
+/// Number of stretches of operation that are kept.
 const MOST_STRETCHES: usize = 256;
-/// What is remembered of ended sessions: some 40 MB.
+/// Number of records of ended sessions that are kept: some 40 MB.
 const MOST_RECORDS: usize = 50_000;
 
 impl Server {
-    /// A segment, of a [`Scenario`](isocat_segment::Scenario) or by hand, switched on at `now`.
+    /// A segment that is switched on at `now`, from a [`Scenario`](isocat_segment::Scenario) or a
+    /// setup made by hand.
     pub fn new(setup: impl Into<Setup>, now: Time<Host>) -> Self {
         let setup: Setup = setup.into();
         let Setup { sync0_limit, outputs_spread, shows_process_data, has_host, .. } = setup;
@@ -280,12 +283,12 @@ impl Server {
         }
     }
 
-    /// A frame that came in at `arrived`. If it goes back, `bytes` hold the answer.
+    /// Handles a frame that came in at `arrived`. If it goes back, `bytes` contain the answer.
     pub fn frame(&mut self, arrived: Time<Host>, bytes: &mut [u8]) -> Answer {
         self.frame_at(MainPort::Primary, arrived, bytes)
     }
 
-    /// The same of a frame that came in from one of the ports of a MainDevice with two.
+    /// Handles a frame that came in from one of the two ports of a MainDevice.
     pub fn frame_at(&mut self, from: MainPort, arrived: Time<Host>, bytes: &mut [u8]) -> Answer {
         self.counts.frames += 1;
         self.last_frame = arrived.max(self.last_frame);
@@ -304,9 +307,9 @@ impl Server {
             }
         };
         self.counts.answered += 1;
-        // A real wire has no more than 100 Mbit/s either.
+        // A real wire does not carry more than 100 Mbit/s either.
         let held = self.served.host_time(passage.start) - arrived > LEAD;
-        // True time has picoseconds: to the next nanosecond.
+        // True time has picoseconds; this rounds up to the next nanosecond.
         let last_bit = self.served.host_time(back.last_bit + Picos(999));
         self.counts.held += u64::from(held);
         let hold = match (held, passage.late) {
@@ -317,30 +320,30 @@ impl Server {
         Answer::Back { port: back.port, last_bit, hold }
     }
 
-    /// Shows frames, and what happens at SubDevices, to somebody who keeps it: a capture,
-    /// waveforms, a trace. What a tap is told of a MainDevice of ours it is not told here.
+    /// Shows frames, and events at SubDevices, to a tap that records them: a capture, waveforms, a
+    /// trace. The tap gets no calls about the MainDevice's inside, which only a simulated
+    /// MainDevice has.
     pub fn with_tap(mut self, tap: Box<dyn Tap + Send>) -> Self {
         self.served.show_everything();
         self.tap = Some(tap);
         self
     }
 
-    /// Whether the segment is a ring, between two ports of the MainDevice.
+    /// Whether the segment is a ring between two ports of the MainDevice.
     pub fn has_two_ports(&self) -> bool {
         self.ring
     }
 
-    /// The link at a port of the MainDevice went away as of `now`, or came: of a ring the device
-    /// there notices, as with a cable that is pulled, so that frames from the other port turn at
-    /// it.
+    /// Sets or removes the link at a port of the MainDevice as of `now`. In a ring the device at
+    /// that port notices, as with a cable that is pulled, and frames from the other port turn round
+    /// there.
     pub fn link(&mut self, now: Time<Host>, port: MainPort, up: bool) {
         self.served.advance(now);
         self.settle();
         self.served.link(port, up);
     }
 
-    /// What follows from the frame that [`frame`](Self::frame) took last, once its answer is on its
-    /// way.
+    /// Evaluates the last frame of [`frame`](Self::frame), after its answer was sent.
     pub fn after(&mut self, bytes: &[u8]) {
         let Some(passage) = self.passage.take() else { return };
         let source = self.source;
@@ -361,7 +364,8 @@ impl Server {
         });
         let exchanged = session.conduct.done(Deed::ProcessData).is_some();
         let mut seen = session.conduct.frame(passage.start, source, bytes);
-        // Nobody gives addresses anew in the middle: another MainDevice begins, without any pause.
+        // Station addresses are never written again in the middle: another MainDevice begins,
+        // without a pause.
         if seen.addresses && exchanged {
             self.end_session();
             let mut session = Session::new(passage.start);
@@ -388,16 +392,17 @@ impl Server {
         }
     }
 
-    /// Tells the tap that a judged cycle is over, or the judged time.
+    /// Tells the tap about the end of a judged cycle, or about the judged time.
     fn show_cycle(&mut self, at: Time<True>, cycle: Option<ServedCycle>) {
         if let Some(tap) = &mut self.tap {
             tap.served_cycle(at, cycle, self.served.segment());
         }
     }
 
-    /// Whether a frame says what the MainDevice does: one of the primary port. A MainDevice with a
-    /// ring sends its copies, or frames that only try the way, at the secondary port; it would seem
-    /// to do all things twice. Where the primary port is silent, the secondary one says it.
+    /// Whether a frame shows what the MainDevice does: normally one of the primary port. At the
+    /// secondary port a MainDevice with a ring sends copies, or frames that only test the way, and
+    /// everything would seem to be done twice. If the primary port is silent, the secondary one
+    /// counts.
     fn leads(&mut self, passage: &Passage) -> bool {
         match passage.from {
             MainPort::Primary => {
@@ -411,7 +416,7 @@ impl Server {
         }
     }
 
-    /// Time has passed and no frame came.
+    /// Moves time to `now` without a frame.
     pub fn idle(&mut self, now: Time<Host>) {
         self.hush(now);
         if self.session.is_some() && now - self.last_frame > SILENCE {
@@ -421,14 +426,15 @@ impl Server {
         self.settle();
     }
 
-    /// As [`idle`](Self::idle) while frames come often: only as far as no frame can come any more.
+    /// As [`idle`](Self::idle) while frames come often: `to` must be an instant before which no
+    /// more frame can come.
     pub fn catch_up(&mut self, to: Time<Host>) {
         self.hush(to);
         self.served.advance(to);
         self.settle();
     }
 
-    /// Judges the session under way as of `now`, for a look in the middle: it goes on.
+    /// Judges the present session as of `now` without ending it.
     pub fn take_stock(&mut self, now: Time<Host>) {
         self.idle(now);
         let judged = self.judged();
@@ -437,9 +443,9 @@ impl Server {
         }
     }
 
-    /// When [`idle`](Self::idle) is wanted next, if nothing comes.
+    /// The next instant at which [`idle`](Self::idle) is needed, if no frame comes.
     pub fn next_timeout(&self, now: Time<Host>) -> Option<Time<Host>> {
-        // A segment that nobody talks to, and nothing in it above INIT, has nothing to do.
+        // A segment without a MainDevice, and with no SubDevice above INIT, has nothing to do.
         let quiet = |device: &isocat_sim::device::Device| device.is_quiet();
         let asleep = self.session.is_none()
             && self.served.timeline().next().is_none()
@@ -452,7 +458,7 @@ impl Server {
         self.served.timeline().next().map(|at| self.served.host_time(at))
     }
 
-    /// Injects a fault as of `now`; tells what is wrong with it.
+    /// Injects a fault as of `now`. Returns an error if the order is not possible.
     pub fn inject(&mut self, now: Time<Host>, order: Order) -> Result<(), String> {
         self.served.advance(now);
         self.settle();
@@ -461,8 +467,8 @@ impl Server {
         Ok(())
     }
 
-    /// Plans a fault for the instant `at`, or for now where that is over; tells what is wrong with
-    /// it.
+    /// Plans a fault for the instant `at`, or for now if that is in the past. Returns an error if
+    /// the order is not possible.
     pub fn inject_at(&mut self, at: Time<Host>, order: Order) -> Result<(), String> {
         let Order { fault, lasts, spare } = order;
         if !self.ring && fault.cable() == Some(RING_CABLE) {
@@ -482,8 +488,8 @@ impl Server {
         Ok(())
     }
 
-    /// Takes an answer beside that of the last frame, of one that was doubled on its way: at which
-    /// port, and when its last bit is back.
+    /// Takes the second answer of the last frame, if it was duplicated on its way: its port, the
+    /// instant at which its last bit is back, and its bytes.
     pub fn take_copy(&mut self) -> Option<(MainPort, Time<Host>, Vec<u8>)> {
         let (port, last_bit, bytes) = self.served.take_copy()?;
         if let Some(tap) = &mut self.tap {
@@ -493,23 +499,22 @@ impl Server {
         Some((port, self.served.host_time(last_bit + Picos(999)), bytes))
     }
 
-    /// Tells which faults have begun or ended.
+    /// Reports the faults that have begun or ended.
     fn tell_faults(&mut self) {
         let news = self.served.take_news();
         self.events.extend(news.into_iter().map(Event::Fault));
     }
 
-    /// The outputs of the device at `position`, as it took them last; `None` while they are in
-    /// their safe state, and where there is no such device or the [`Setup`] does without process
-    /// data.
+    /// The outputs that the device at `position` took last. `None` while they are in their safe
+    /// state, if there is no such device, or if the [`Setup`] has no access to process data.
     pub fn outputs(&self, position: usize) -> Option<Vec<u8>> {
         self.doors.get(position)?.outputs()
     }
 
-    /// Sets the inputs of the device at `position` from the next time on that it maps them; `None`
-    /// gives them back to its application. Bytes beyond its process image are left out; bytes that
-    /// are not set stay its application's. Nothing happens where there is no such device or the
-    /// [`Setup`] does without process data.
+    /// Sets the inputs of the device at `position` from its next mapping on; `None` returns them to
+    /// its application. Bytes beyond its process image are ignored; bytes that are not set stay
+    /// those of its application. The call has no effect if there is no such device or the [`Setup`]
+    /// has no access to process data.
     pub fn set_inputs(&mut self, position: usize, inputs: Option<&[u8]>) {
         if let Some(door) = self.doors.get(position) {
             door.set_inputs(inputs);
@@ -527,8 +532,7 @@ impl Server {
         Some(event)
     }
 
-    /// What is known now, for who watches. From the first time on, what is of late is followed,
-    /// too.
+    /// The present status. From the first call on, recent figures are collected too.
     pub fn status(&mut self, segment: &str) -> Status {
         self.settle();
         let onlooker = self.onlooker.take().unwrap_or_else(|| self.new_onlooker());
@@ -537,8 +541,8 @@ impl Server {
         status
     }
 
-    /// Ends the last session, as of its last frame. One that still goes on at `now` is left open:
-    /// not the MainDevice ended it.
+    /// Ends the last session at its last frame. A session that still runs at `now` stays open,
+    /// since its MainDevice did not end it.
     pub fn finish(&mut self, now: Time<Host>) {
         self.settle();
         if self.session.is_some() {
@@ -560,20 +564,21 @@ impl Server {
     pub fn sync0_limit(&self) -> Picos {
         self.sync0_limit
     }
-    /// The faults that began and ended, and when: the newest ones, where there were very many.
+    /// The faults that began and ended, with their times; only the newest ones if there were very
+    /// many.
     pub fn faults(&self) -> impl ExactSizeIterator<Item = &Happened> {
         self.served.timeline().happened()
     }
 
-    /// The sessions that have ended, in order: the newest ones, where there were very many.
+    /// The sessions that have ended, in order; only the newest ones if there were very many.
     pub fn sessions(&self) -> &[Session] {
         &self.ended
     }
-    /// How many came before these sessions and faults.
+    /// Number of sessions and faults before these.
     pub fn left_out(&self) -> LeftOut {
         LeftOut { faults: self.served.timeline().left_out(), ..self.left_out }
     }
-    /// The session under way.
+    /// The present session.
     pub fn session(&self) -> Option<&Session> {
         self.session.as_ref()
     }
@@ -589,7 +594,7 @@ impl Server {
     pub fn counts(&self) -> Counts {
         self.counts
     }
-    /// The SubDevice whose time is distributed; the first with a clock if nobody's is.
+    /// The SubDevice whose time is distributed; if there is none, the first with a clock.
     pub fn reference(&self) -> usize {
         let clock = |device: &isocat_sim::device::Device| {
             device.esc.register(register::FEATURES) & register::features::DC != 0
@@ -597,17 +602,17 @@ impl Server {
         let first = || self.served.segment().devices().iter().position(clock).unwrap_or(0);
         self.reference.map_or_else(first, |(_, position)| position)
     }
-    /// What became of the expectations of the [`Setup`]: call [`finish`](Self::finish) before.
+    /// The judgements of the [`Setup`]'s expectations. Call [`finish`](Self::finish) before.
     pub fn judgements(&self) -> Vec<Judgement> {
         let sessions = self.ended.iter().chain(&self.session);
         self.watch.judgements(self.served.now(), sessions, self.served.timeline(), self.left_out())
     }
-    /// When SubDevices came into operation for the first time, if anything is expected; what
-    /// [`judgements`](Self::judgements) tells of instants counts from then.
+    /// The instant at which SubDevices first came into operation, if there are expectations.
+    /// Instants in [`judgements`](Self::judgements) count from it.
     pub fn first_in_operation(&self) -> Option<Time<True>> {
         self.watch.began()
     }
-    /// What the judges say now of the exchange that is under way.
+    /// The judges' present results for the current exchange.
     pub fn judged(&self) -> Option<Judged> {
         let session = self.session.as_ref()?;
         let judged = session.judged.as_ref()?;
@@ -618,7 +623,7 @@ impl Server {
         })
     }
 
-    /// Of a judging that goes on, or waits.
+    /// An onlooker for judges that are at work or will be.
     fn new_onlooker(&self) -> Box<Onlooker> {
         let mut onlooker = Onlooker::new(self.states.len(), INTERVALS);
         if let Some(intent) = self.served.bench().intent() {
@@ -627,7 +632,7 @@ impl Server {
         Box::new(onlooker)
     }
 
-    /// Shows what happened to the judges, and takes note.
+    /// Gives the new observations to the judges, and records them.
     fn settle(&mut self) {
         self.tell_faults();
         let now = self.served.now();
@@ -657,7 +662,7 @@ impl Server {
             events.push_back(Event::State { at, device, state, code });
             let before = std::mem::replace(&mut states[device], state);
             let Some(session) = session else { return };
-            // Only who arrives can complete the segment, not who leaves.
+            // Only a SubDevice that reaches OP can complete the segment, not one that leaves it.
             session.pending |= state == AlState::Op;
             if code != AlStatusCode::NO_ERROR && session.refused.len() < MOST_REFUSED {
                 session.refused.push(Refused { at, device, state, code });
@@ -693,7 +698,7 @@ impl Server {
         self.reference = position.filter(|at| *at < devices.len()).map(|at| (reference, at));
     }
 
-    /// Begins and ends the judging as the MainDevice asks for states.
+    /// Starts and ends the judging according to the states that the MainDevice requests.
     fn follow(&mut self, seen: Seen, at: Time<True>) {
         let reference = self.reference();
         let Some(session) = &mut self.session else { return };
@@ -739,7 +744,7 @@ impl Server {
                 self.watch.in_operation(at, intent, &self.states);
             }
             let before = session.judged.replace(Judged::begin(&self.served, at));
-            // SubDevices that join those in OP make the stretch anew.
+            // SubDevices that join those in OP begin a new stretch.
             if let Some(before) = before.filter(|_| !session.judging) {
                 session.remember(before);
             }
@@ -752,8 +757,8 @@ impl Server {
         }
     }
 
-    /// Before time goes on to `to` without a frame: if one is overdue in operation, the judges'
-    /// view is kept, for what comes from here on may be the silence's doing.
+    /// Called before time moves to `to` without a frame. If a frame is overdue in operation, the
+    /// judges' results are kept as they are: later events may be effects of the silence.
     fn hush(&mut self, to: Time<Host>) {
         let Some(session) = self.session.as_ref().filter(|s| s.judging && !s.silent) else {
             return;
@@ -766,7 +771,7 @@ impl Server {
         }
     }
 
-    /// Keeps the judges' view as it is.
+    /// Keeps the judges' results as they are.
     fn keep_judged(&mut self) {
         let last = self.session.as_ref().map_or(self.served.now(), |s| s.conduct.last);
         let Some(session) = &mut self.session else { return };
@@ -790,8 +795,7 @@ impl Server {
         self.forget_oldest(MOST_RECORDS);
     }
 
-    /// Forgets the oldest sessions until no more is remembered than `most` records, but never the
-    /// last one.
+    /// Drops the oldest sessions until at most `most` records are kept, but never the last session.
     fn forget_oldest(&mut self, most: usize) {
         let mut records: usize = self.ended.iter().map(Session::records).sum();
         let mut forgotten = 0;
@@ -805,14 +809,15 @@ impl Server {
 }
 
 impl Session {
-    /// What is remembered of it: itself, and each SubDevice in each stretch of operation.
+    /// Number of its records: one for itself, and one for each SubDevice in each stretch of
+    /// operation.
     fn records(&self) -> usize {
         let judged = self.earlier.iter().chain(&self.judged);
         1 + judged.map(|stretch| stretch.devices.len()).sum::<usize>()
     }
 
-    /// Remembers a stretch of operation. Of too many, one that was in sync is forgotten, so that
-    /// those that were not are still told.
+    /// Keeps a stretch of operation. If there are too many, one that was in sync is dropped, so
+    /// that the others are still reported.
     fn remember(&mut self, stretch: Judged) {
         if self.earlier.len() >= MOST_STRETCHES {
             self.earlier_left_out += 1;
@@ -842,9 +847,9 @@ impl Session {
         }
     }
 
-    /// Whether a frame that left at `at` begins another session: this one had come to the exchange
-    /// of process data, and after a pause somebody begins at the beginning. Some MainDevices first
-    /// send a frame or two that say nothing, so the pause is remembered until the exchange goes on.
+    /// Whether a frame that left at `at` begins another session: this one had exchanged process
+    /// data, and after a pause a MainDevice starts from the beginning. Some MainDevices first send
+    /// a frame or two without information, so the pause is remembered until the exchange continues.
     fn is_over(&mut self, at: Time<True>, bytes: &[u8]) -> bool {
         let pause = if self.requested == AlState::Init { PAUSE_DOWN } else { PAUSE };
         let exchanged = self.conduct.done(Deed::ProcessData).is_some();
@@ -859,7 +864,7 @@ impl Session {
                 self.paused = None;
                 return false;
             }
-            // Who asks all for their AL status may as well wait for a state.
+            // A MainDevice that only waits for a state also reads all AL statuses.
             let polls = datagram.header.ado() == register::AL_STATUS.address;
             Deed::read(&datagram.header, datagram.data, |deed| {
                 begins |= matches!(deed, Deed::RequestInit | Deed::StationAddresses)
@@ -872,21 +877,21 @@ impl Session {
         begins
     }
 
-    /// Whether its SubDevices are being judged: they are in operation.
+    /// Whether its SubDevices are being judged, because they are in operation.
     pub fn is_judged(&self) -> bool {
         self.judging
     }
 }
 
-/// Whether a fault can't happen here: the host's clock is true time, and other MainDevices do not
-/// come from here.
+/// Whether a fault cannot happen here: the host's clock is true time, and other MainDevices do not
+/// come from this program.
 fn is_left_out(fault: &Fault, has_host: bool) -> bool {
     use Fault::{ClockJump, LateWakeUps, SlowSends, Stall};
     let by_caller = matches!(fault, ClockJump { .. } | Stall | LateWakeUps(_) | SlowSends(_));
     fault.is_of_the_host() && !(has_host && by_caller)
 }
 
-/// The cycle of the segment: that of the SYNC units, else that of the frames so far.
+/// The cycle of the segment: that of the SYNC units, or else that of the frames so far.
 fn cycle_of(served: &Served, conduct: &Conduct) -> Nanos {
     let cycles = served.segment().devices().iter().filter(|device| device.esc.sync_active());
     let cycle = cycles.map(|device| device.esc.register(register::SYNC0_CYCLE)).max().unwrap_or(0);

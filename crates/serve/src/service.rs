@@ -1,5 +1,5 @@
-//! Frames from one interface, or the two of a ring, to the segment and back, until somebody ends
-//! it.
+//! Carries frames between one interface, or the two of a ring, and the segment, until it is asked
+//! to stop.
 
 use std::collections::VecDeque;
 use std::io::{self, Read};
@@ -15,49 +15,50 @@ use rustix::io::Errno;
 use super::control::Requests;
 use super::server::{Answer, Event, Server};
 
-/// How frames are waited for.
+/// The way of waiting for frames.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Style {
-    /// Spin on the socket instead of sleeping: answers in a few microseconds, for a processor of
-    /// its own.
+    /// Spin on the socket instead of sleeping. Answers then take a few microseconds, but the
+    /// service needs a CPU of its own.
     pub busy: bool,
 }
 
-/// Who is told what happens.
+/// Receives what happens in the service.
 pub trait Audience {
-    /// Something happened.
+    /// An event happened.
     fn event(&mut self, server: &Server, event: Event);
-    /// A request came in; the answer is one line.
+    /// A request arrived; the answer is one line.
     fn request(&mut self, server: &mut Server, request: &str) -> Reply;
     /// An interface went down, or is up again with a signal on its cable.
     fn link(&mut self, server: &Server, interface: &str, up: bool);
     /// Called about once a second.
     fn tick(&mut self, server: &Server);
-    /// A frame came in at `at` (`answer` is false), or an answer was handed to the kernel then, at
-    /// this port of the MainDevice.
+    /// At this port of the MainDevice a frame came in at `at` (`answer` is false), or an answer was
+    /// handed to the kernel then.
     fn frame(&mut self, _port: MainPort, _at: Time<Host>, _answer: bool, _bytes: &[u8]) {}
 }
 
 /// The answer to a request.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Reply {
-    /// One line.
+    /// The answer in one line.
     pub line: String,
-    /// The service is to end.
+    /// Whether the service must end.
     pub stop: bool,
 }
 
-/// Where frames come in: one interface for each port of the MainDevice.
+/// The interfaces for frames: one for each port of the MainDevice.
 pub struct Interfaces {
-    /// The one that every MainDevice has.
+    /// The interface of the port that every MainDevice has.
     pub primary: RawSocket,
-    /// The other end of a ring.
+    /// The interface of the other end of a ring.
     pub secondary: Option<RawSocket>,
 }
 
-/// Serves until a signal or a request ends it, or an interface has gone. One that goes down is
-/// waited for: what comes meanwhile is lost, as with a cable that is pulled; in a ring the device
-/// there loses its link. `wake` becomes readable when a signal or a request has come.
+/// Serves until a signal or a request ends it, or an interface does not exist any more. The service
+/// waits for an interface that goes down. Frames are lost meanwhile, as with a cable that is
+/// pulled; in a ring the device at that port loses its link. `wake` becomes readable when a signal
+/// or a request has come.
 pub fn run(
     server: &mut Server,
     interfaces: Interfaces,
@@ -98,15 +99,15 @@ pub fn run(
     }
 }
 
-/// An interface, and what came in there.
+/// An interface, and the frame that came in there.
 struct Port {
     socket: RawSocket,
     buffer: [u8; BUFFER],
     /// The frame in the buffer, if one waits there.
     waiting: Option<Received>,
-    /// The link is there.
+    /// Whether there is a link.
     up: bool,
-    /// Something said that it is not.
+    /// Whether an error said that there is no link.
     failed: bool,
 }
 
@@ -115,7 +116,7 @@ impl Port {
         Self { socket, buffer: [0; BUFFER], waiting: None, up: true, failed: false }
     }
 
-    /// Takes the next frame off the interface, if none waits already.
+    /// Takes the next frame from the interface, if none waits already.
     fn receive(&mut self) -> Result<(), LinkError> {
         if self.waiting.is_none() {
             let received = self.socket.receive(&mut self.buffer);
@@ -129,7 +130,7 @@ impl Port {
         self.unless_down(sent).map(|_| ())
     }
 
-    /// Nothing, and a note, where the interface is down; it is looked at later.
+    /// Returns `None`, and notes it, if the interface is down; its link is checked later.
     fn unless_down<T>(&mut self, result: Result<T, LinkError>) -> Result<Option<T>, LinkError> {
         match result {
             Ok(value) => Ok(Some(value)),
@@ -143,40 +144,40 @@ impl Port {
 }
 
 struct Service {
-    /// That of the primary port, and in a ring that of the secondary one.
+    /// The primary port, and in a ring the secondary one.
     ports: Vec<Port>,
-    /// Answers that are to leave later, and at which port, in the order of their frames.
+    /// Answers that leave later, with their ports, in the order of their frames.
     held: VecDeque<(Time<Host>, usize, Vec<u8>)>,
     last_frame: Time<Host>,
-    /// From the last frame but one to the last.
+    /// Time between the last two frames.
     distance: Nanos,
-    /// What followed from the last frame has been worked off.
+    /// Whether the last frame has been evaluated.
     caught_up: bool,
     next_tick: Time<Host>,
     spins: u32,
-    /// While spinning: when the SubDevices' own work was done last.
+    /// While spinning: the instant of the last update of the SubDevices.
     looked: Time<Host>,
-    /// When to look at the links again.
+    /// The next check of the links.
     next_look: Option<Time<Host>>,
 }
 
 const PORTS: [MainPort; 2] = [MainPort::Primary, MainPort::Secondary];
-/// Longer than any frame: what fills it was cut.
+/// Longer than any frame: a frame that fills it was cut.
 const BUFFER: usize = 2048;
-/// While spinning, SubDevices are kept this far behind the clock: a frame with a stamp earlier than
-/// that would be taken as of then.
+/// While spinning, SubDevices are kept this far behind the clock. A frame with an earlier stamp
+/// would be handled as if it came then.
 const BEHIND: Nanos = Nanos::micros(30);
-/// While spinning, SubDevices are looked at so often between two frames, and in steps of this size.
+/// While spinning, number of updates of the SubDevices between two frames, and the least step.
 const LOOKS: i64 = 4;
 const LEAST_STEP: Nanos = Nanos::micros(10);
 const MOST_STEP: Nanos = Nanos::millis(1);
-/// Spins between two looks at anything but the socket.
+/// Number of spins between two checks of anything but the socket.
 const SPINS: u32 = 256;
-/// From one look at an interface that is down to the next.
+/// Interval of checks of an interface that is down.
 const LOOK_AGAIN: Nanos = Nanos::millis(100);
-/// Answers that may wait: what a flood brings beyond them is lost, as it would be on a port.
+/// Number of answers that may wait; further ones are lost, as on a port.
 const MOST_HELD: usize = 8_192;
-/// Distances of frames for which it pays to wake between them.
+/// Distances of frames for which it pays to wake in between.
 const HIDE: std::ops::Range<Nanos> = Nanos::micros(150)..Nanos::millis(50);
 
 impl Service {
@@ -201,7 +202,7 @@ impl Service {
         self.ports.len() > 1
     }
 
-    /// Waits for a frame, and answers it; sends what is due.
+    /// Waits for a frame and answers it; sends answers that are due.
     fn turn(
         &mut self,
         server: &mut Server,
@@ -217,7 +218,7 @@ impl Service {
         Ok(frames)
     }
 
-    /// Takes the frame that came first, if one is there, and answers it.
+    /// Takes the first frame that came in, if any, and answers it.
     fn take(
         &mut self,
         server: &mut Server,
@@ -234,7 +235,7 @@ impl Service {
         if received.len > BUFFER {
             return Ok(true);
         }
-        // The answer may leave at the other port, so it does not stay in this one's buffer.
+        // The answer may leave at the other port, so it must not stay in this one's buffer.
         let mut buffer = port.buffer;
         let frame = &mut buffer[..received.len];
         audience.frame(PORTS[at], received.at, false, frame);
@@ -266,8 +267,7 @@ impl Service {
         }
     }
 
-    /// Looks at interfaces that failed, and in a ring now and then at all of them: whether their
-    /// links are there.
+    /// Checks the links of interfaces that failed, and in a ring from time to time of all.
     fn look_at_links(
         &mut self,
         server: &mut Server,
@@ -301,25 +301,25 @@ impl Service {
         Ok(())
     }
 
-    /// Sleeps until something comes, or the SubDevices want to be looked at; tells whether it is a
+    /// Sleeps until something arrives or the SubDevices need an update. Returns whether it is a
     /// frame.
     fn sleep(&mut self, server: &mut Server, wake: &UnixStream) -> Result<bool, LinkError> {
         if self.ports.iter().any(|port| port.waiting.is_some()) {
             return Ok(true);
         }
         let now = clock::now();
-        // The SubDevices' own work waits for the next frame, or is done in the pause before it:
-        // then the answer to that frame does not wait for it.
+        // The SubDevices' work is done in the pause before the next frame, or else with that frame.
+        // In the pause it does not delay the answer.
         let hide = (!self.caught_up && HIDE.contains(&self.distance))
             .then(|| self.last_frame + Nanos(self.distance.0 / 4 * 3));
         let held = self.held.front().map(|(due, ..)| *due);
         let until = [server.next_timeout(now), hide, held, self.next_look];
         let until = until.into_iter().flatten().min();
-        // What is over already waits for nothing.
+        // A time in the past means no wait.
         let timeout = until.map(|until| Duration::from_nanos((until - now).0.max(0) as u64));
         let timeout = timeout.and_then(|timeout| Timespec::try_from(timeout).ok());
         let primary = &self.ports[0].socket;
-        // On a line the one interface stands there twice.
+        // Without a ring the one interface is listed twice.
         let secondary = self.ports.get(1).map_or(primary, |port| &port.socket);
         let [first, second] = [primary, secondary].map(|socket| PollFd::new(socket, PollFlags::IN));
         let mut fds = [first, second, PollFd::new(wake, PollFlags::IN)];
@@ -343,7 +343,7 @@ impl Service {
         }
     }
 
-    /// One turn of spinning.
+    /// One iteration of spinning.
     fn spin(
         &mut self,
         server: &mut Server,
@@ -355,7 +355,7 @@ impl Service {
         }
         let now = clock::now();
         if now - self.last_frame < Nanos::millis(1_000) {
-            // A few times between two frames, not at each turn: a frame that comes meanwhile waits.
+            // Only a few times between two frames, since a frame that arrives meanwhile must wait.
             let step = Nanos(self.distance.0 / LOOKS).clamp(LEAST_STEP, MOST_STEP);
             if now - self.looked >= step {
                 self.looked = now;
@@ -367,7 +367,7 @@ impl Service {
         Ok(self.spins < SPINS)
     }
 
-    /// Sends what has waited long enough.
+    /// Sends the answers that are due.
     fn release(&mut self, audience: &mut dyn Audience) -> Result<(), LinkError> {
         while let Some((due, ..)) = self.held.front() {
             if *due > clock::now() {
@@ -381,12 +381,12 @@ impl Service {
         Ok(())
     }
 
-    /// Whether it is time for what happens once a second, however many frames come.
+    /// Whether the work of once a second is due, however many frames come.
     fn is_tick(&self) -> bool {
         self.last_frame >= self.next_tick
     }
 
-    /// Whether somebody woke the service.
+    /// Whether the service was woken.
     fn is_wake(&mut self, wake: &mut UnixStream, style: Style) -> io::Result<bool> {
         if style.busy {
             self.spins = 0;
@@ -401,5 +401,5 @@ impl Service {
     }
 }
 
-/// How long an answer to a request may take.
+/// Longest time for the answer to a request.
 pub(super) const PATIENCE: Duration = Duration::from_secs(5);

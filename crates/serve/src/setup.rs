@@ -1,4 +1,4 @@
-//! What is served: the devices, the seed, and the limits that the judges go by.
+//! The setup of a service: the devices, the seed, and the judges' limits.
 
 use isocat_segment::Scenario;
 use isocat_sim::{Closing, Connection, DeviceSetup, Expectation, Planned};
@@ -7,37 +7,35 @@ use isocat_wire::time::Picos;
 
 /// The segment that a [`Server`](crate::Server) serves.
 ///
-/// Made of a [`Scenario`], or by hand. The application of a device may be the caller's own, see
-/// [`with_application`](Self::with_application).
+/// It is made from a [`Scenario`], or by hand. The application of a device may be the caller's own,
+/// see [`with_application`](Self::with_application).
 pub struct Setup {
-    /// The SubDevices. Parents stand before their children.
+    /// The SubDevices; parents come before their children.
     pub segment: Vec<Connection>,
-    /// What makes a ring of them; `None`: they hang on one port.
+    /// The cable that makes a ring of them; `None`: all hang on one port.
     pub ring: Option<Closing>,
     /// Their names, in the same order.
     pub names: Vec<String>,
     /// The seed of all randomness.
     pub seed: u64,
-    /// What goes wrong of itself. What concerns a host is left out unless
-    /// [`has_host`](Self::has_host).
+    /// The planned faults. Faults of a host are left out unless [`has_host`](Self::has_host).
     pub faults: Vec<Planned>,
-    /// The caller runs the MainDevice's machine and lets stalls, jumps of its clock, late wake-ups and slow sends happen to it, as
-    /// [`Event::Fault`] tells. What the host's clock or another MainDevice does is left out all the same. Default false.
+    /// The caller simulates the MainDevice's machine and executes its stalls, clock jumps, late
+    /// wake-ups and slow sends when [`Event::Fault`] reports them. Faults of the host's clock or of
+    /// another MainDevice are left out in any case. Default false.
     ///
     /// [`Event::Fault`]: crate::server::Event::Fault
     pub has_host: bool,
-    /// What is expected of all this: [`Server::judgements`](crate::Server::judgements) tells what
-    /// became of it.
+    /// The expectations; [`Server::judgements`](crate::Server::judgements) returns the results.
     pub expectations: Vec<Expectation>,
-    /// SubDevices that may come in the place of others.
+    /// SubDevices that may replace others.
     pub spares: Vec<DeviceSetup>,
     /// Largest SYNC0 error with which a SubDevice counts as synchronized.
     pub sync0_limit: Picos,
     /// Largest spread of outputs behind their pulse with which a SubDevice counts as synchronized.
     pub outputs_spread: Picos,
-    /// The server's caller may look at process data and set them. A service that nobody asks for
-    /// them does without, and saves some hundred instructions for each device and cycle. Default
-    /// true.
+    /// Whether the server's caller may read and set process data. A service without such access
+    /// saves some hundred instructions for each device and cycle. Default true.
     pub shows_process_data: bool,
 }
 
@@ -61,20 +59,20 @@ impl From<&Scenario> for Setup {
 }
 
 impl Setup {
-    /// The caller runs the MainDevice's machine, see [`has_host`](Self::has_host).
+    /// The caller simulates the MainDevice's machine, see [`has_host`](Self::has_host).
     pub fn with_host(mut self) -> Self {
         self.has_host = true;
         self
     }
 
-    /// Nobody will look at process data or set them.
+    /// Switches the access to process data off.
     pub fn without_process_data(mut self) -> Self {
         self.shows_process_data = false;
         self
     }
 
-    /// Gives the device at `position` an application of the caller's own. Its process data, objects and times stay those of its
-    /// profile.
+    /// Gives the device at `position` an application of the caller. Its process data, objects and
+    /// times stay those of its profile.
     ///
     /// # Panics
     ///

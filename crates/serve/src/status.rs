@@ -1,4 +1,4 @@
-//! What the judges of a served segment know, as a status: the answer to the request `watch`.
+//! The judges' knowledge of a served segment as a status: the answer to the request `watch`.
 
 use isocat_engine::status::edges::Onlooker;
 use isocat_engine::status::{Counter, Device, Event, Kind, Stage, Status};
@@ -8,14 +8,14 @@ use isocat_wire::time::{Nanos, Picos};
 
 use crate::server::{self, Server};
 
-/// Of so many intervals `recent` is said, so that who asks now and then misses none.
+/// Number of intervals in `recent`, so that a reader who asks from time to time misses none.
 pub(crate) const INTERVALS: usize = 20;
-/// How long an interval is.
+/// Length of an interval.
 pub(crate) const INTERVAL: Picos = Picos(100_000_000_000);
-/// Events that are told again and again.
+/// Number of events that each status repeats.
 pub const MOST_EVENTS: usize = 64;
 
-/// What is known of a served segment now.
+/// The present status of a served segment.
 pub fn status(server: &Server, segment: &str, onlooker: &Onlooker) -> Status {
     let served = server.served();
     let judged = server.judged();
@@ -47,7 +47,7 @@ pub fn status(server: &Server, segment: &str, onlooker: &Onlooker) -> Status {
             out.mode = sync.mode().name().into();
             out.has_sync = esc.sync_active() && sync.mode().uses_dc();
             out.is_reference = position == reference;
-            // Who is not asked to be in OP by his MainDevice need not be.
+            // A SubDevice that its MainDevice does not ask to be in OP need not be there.
             out.asked = esc.register(register::AL_CONTROL).state() == Ok(AlState::Op);
             out.al_state = Some(device.stack.state());
             out.al_code = device.stack.status_code().0;
@@ -65,7 +65,7 @@ pub fn status(server: &Server, segment: &str, onlooker: &Onlooker) -> Status {
                 *counter = Counter { value: Some(now), risen: risen.into() };
             }
             if let Some(judges) = bench.devices().get(position) {
-                // 0B counts down by itself; the judge counts what was missed.
+                // Counter 0B also counts down; the judge counts each missed event.
                 out.outputs[0].risen = judges.missed.count();
             }
             out
@@ -73,7 +73,7 @@ pub fn status(server: &Server, segment: &str, onlooker: &Onlooker) -> Status {
         .collect();
     if judging {
         onlooker.over(&mut status, bench);
-        // When the frames of somebody else's MainDevice are to come, nobody knows.
+        // The due times of a foreign MainDevice's frames are not known.
         status.host.phase_error_ns = None;
         status.host.phase_error_worst_ns = None;
     } else {
@@ -83,7 +83,7 @@ pub fn status(server: &Server, segment: &str, onlooker: &Onlooker) -> Status {
     status
 }
 
-/// Of what happened at a served segment, at `at_ns` of its time.
+/// The status event of an event of the segment, at `now_ns` of its time.
 pub fn event(event: &server::Event, now_ns: i64) -> Event {
     use server::Event as Happened;
     let (at_ns, position, bad, what) = match event {

@@ -1,4 +1,4 @@
-//! What happened while the segment was served: one document, for people and for machines.
+//! The record of a service as one document, for users and for programs.
 
 use isocat_engine::report::typed::{self, KindDocument};
 use isocat_engine::report::words::{self, time};
@@ -17,7 +17,7 @@ use super::deed::Deed;
 use super::server::{End, Server, Session};
 use super::verdict::{Judged, JudgedDevice};
 
-/// Version of the document; changes whenever a reader could be misled by an older schema.
+/// Version of the document. It changes whenever a reader with an older schema could be misled.
 pub const FORMAT: &str = "isocat-serve-summary/6";
 
 /// JSON schema of the document, draft 2020-12.
@@ -26,74 +26,73 @@ pub fn schema() -> serde_json::Value {
     settings.into_generator().into_root_schema_for::<Summary>().to_value()
 }
 
-/// The whole document. All times are nanoseconds; points of time count from the beginning of the
+/// The whole document. All times are nanoseconds; points of time count from the start of the
 /// service.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Summary {
-    /// [`FORMAT`].
+    /// Version of the format: [`FORMAT`].
     pub format: &'static str,
     /// Version of the program.
     pub version: &'static str,
-    /// Where the segment was described.
+    /// Path of the segment file.
     pub segment_file: String,
-    /// Interface.
+    /// Name of the interface.
     pub interface: String,
-    /// How long it was served.
+    /// Duration of the service.
     pub served_ns: i64,
     /// Frames that came in.
     pub frames: u64,
     /// Frames that were answered.
     pub answered: u64,
-    /// Frames lost in the segment, or by a fault that was asked for.
+    /// Frames lost in the segment, or by an injected fault.
     pub lost: u64,
-    /// Answers held back since frames came faster than 100 Mbit/s.
+    /// Answers held back because frames came faster than 100 Mbit/s.
     pub held: u64,
-    /// What the segment file expects, and whether it came so; empty if it expects nothing in
-    /// particular.
+    /// The expectations of the segment file, and whether they were met; empty if it has none.
     pub expected: Vec<Expected>,
-    /// Faults that were asked for while it was served; of very many the newest ones.
+    /// Faults that were injected during the service; the newest ones if there were very many.
     pub faults: Vec<Injected>,
-    /// How many came before these.
+    /// Number of faults before these.
     pub faults_left_out: u64,
-    /// What each MainDevice did, in order; of very many the newest ones.
+    /// What each MainDevice did, in order; the newest ones if there were very many.
     pub sessions: Vec<SessionSummary>,
-    /// How many came before these. Nothing is known of them any more.
+    /// Number of sessions before these. Nothing else is known of them.
     pub sessions_left_out: u64,
 }
 
-/// Something that the segment file expects of the service, judged in true time.
+/// An expectation of the segment file, judged in true time.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Expected {
     /// The key of the segment file.
     pub key: String,
-    /// What was expected, as a sentence.
+    /// The expectation as a sentence.
     pub what: String,
-    /// Whether it came so; null if there was nothing to judge it by.
+    /// Whether it was met; null if it could not be judged.
     pub met: Option<bool>,
-    /// What was found, or why it was not judged, as a sentence.
+    /// The finding, or the reason why it was not judged, as a sentence.
     pub found: String,
 }
 
-/// What a service comes to, by all that was expected of it.
+/// The result of a service, by all its expectations.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Outcome {
-    /// All came so, or nothing in particular was expected.
+    /// All expectations were met, or there were none.
     AsExpected,
-    /// Something did not come so.
+    /// At least one expectation was not met.
     NotAsExpected,
-    /// All that was judged came so, and something could not be judged.
+    /// All judged expectations were met, but at least one could not be judged.
     NotJudged,
 }
 
-/// A fault that was asked for.
+/// An injected fault.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Injected {
-    /// When.
+    /// The instant.
     pub at_ns: i64,
-    /// What.
+    /// The fault in words.
     pub what: String,
 }
 
@@ -101,95 +100,95 @@ pub struct Injected {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SessionSummary {
-    /// First frame.
+    /// Instant of the first frame.
     pub began_ns: i64,
-    /// Last frame.
+    /// Instant of the last frame.
     pub ended_ns: i64,
     /// Whether its frames stopped while SubDevices were still asked to be in SAFEOP or OP.
     pub abrupt: bool,
-    /// Frames; in a ring those at the primary port.
+    /// Number of frames; in a ring those at the primary port.
     pub frames: u64,
-    /// In a ring, frames at the secondary port: copies of the others, and what else the MainDevice
-    /// sends to see the ring.
+    /// In a ring, number of frames at the secondary port: copies of the others, and frames by which
+    /// the MainDevice tests the ring.
     pub second_port_frames: u64,
-    /// Source addresses of its frames, most frames first. More than one: there were several
-    /// MainDevices.
+    /// Source addresses of its frames, most frames first. More than one means that there were
+    /// several MainDevices.
     pub sources: Vec<String>,
-    /// What it did, in the order in which it first did it.
+    /// Its steps, in the order in which it first did them.
     pub steps: Vec<Step>,
-    /// SubDevices that refused or fell.
+    /// SubDevices that refused a state or left one by themselves.
     pub refused: Vec<Refusal>,
-    /// Its cyclic exchange in operation; null if it never came so far.
+    /// Its cyclic exchange in operation; null if it never came that far.
     pub cycle: Option<Cycle>,
-    /// What it left out or did badly, in words.
+    /// Its omissions and errors, in words.
     pub remarks: Vec<String>,
-    /// What it comes to, by true time: `in-sync`; `except`, for what `judged` names; `not-known`,
-    /// as no SubDevice was in OP.
+    /// The result by true time: `in-sync`; `except`, with the findings in `judged`; `not-known`, if
+    /// no SubDevice was in OP.
     pub answer: &'static str,
-    /// What the judges say of the exchange in operation; null if no SubDevice was in OP.
+    /// The judges' results for the exchange in operation; null if no SubDevice was in OP.
     pub judged: Option<JudgedSummary>,
 }
 
-/// Something that a MainDevice did.
+/// A step of a MainDevice.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Step {
-    /// First time, from the session's first frame.
+    /// Time of the first occurrence, from the session's first frame.
     pub after_ns: i64,
-    /// What.
+    /// The step in words.
     pub what: String,
-    /// How many datagrams, or SubDevices that reached a state.
+    /// Number of datagrams, or of SubDevices that reached a state.
     pub count: u64,
 }
 
-/// A SubDevice that did not go where it was asked to, or left it.
+/// A SubDevice that did not reach a requested state, or left a state by itself.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Refusal {
-    /// From the session's first frame.
+    /// Time from the session's first frame.
     pub after_ns: i64,
-    /// Position.
+    /// Position of the SubDevice.
     pub position: usize,
-    /// Name.
+    /// Name of the SubDevice.
     pub device: String,
-    /// State it is in.
+    /// Its present state.
     pub state: String,
     /// AL status code.
     pub code: u16,
-    /// What the code means.
+    /// Meaning of the code.
     pub meaning: String,
 }
 
-/// The rhythm of the cyclic exchange, by the kernel's stamps of arrival.
+/// The rhythm of the cyclic exchange, by the kernel's arrival stamps.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Cycle {
-    /// From one cycle to the next.
+    /// Time from one cycle to the next.
     pub interval: Span,
-    /// When cycles reached the reference clock against SYNC0's cycle, relative to the first; null
-    /// without a reference.
+    /// Phase at which cycles reached the reference clock within SYNC0's cycle, relative to the
+    /// first; null without a reference.
     pub phase: Option<Span>,
-    /// Drift datagrams in operation.
+    /// Number of drift datagrams in operation.
     pub drift_datagrams: u64,
     /// Longest time between two of them.
     pub longest_drift_gap_ns: i64,
 }
 
-/// What the judges say.
+/// The judges' results.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct JudgedSummary {
-    /// Nothing speaks against any SubDevice, in this stretch of operation and in those before.
+    /// Whether no SubDevice has a finding, in this stretch of operation and in the earlier ones.
     pub in_sync: bool,
-    /// Stretches of operation before this one, each ended when a SubDevice was asked to leave OP,
-    /// as one that fell is before it is brought back. The figures are of the last stretch. Of very
-    /// many, those that were not in sync.
+    /// Stretches of operation before this one. Each ended when a SubDevice was asked to leave OP,
+    /// as one that has fallen is before it is brought back. The figures are those of the last
+    /// stretch. If there were very many, only those that were not in sync are listed.
     pub earlier: Vec<Stretch>,
-    /// How many more there were.
+    /// Number of further earlier stretches.
     pub earlier_left_out: u64,
     /// How long SubDevices were judged in operation.
     pub judged_ns: i64,
-    /// SubDevices in OP.
+    /// Number of SubDevices in OP.
     pub in_op: usize,
     /// Each SubDevice.
     pub devices: Vec<DeviceSummary>,
@@ -199,11 +198,11 @@ pub struct JudgedSummary {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Stretch {
-    /// How long it was judged.
+    /// How long the stretch was judged.
     pub judged_ns: i64,
-    /// What speaks against which SubDevice; empty if nothing does.
+    /// The findings, each with its SubDevice; empty if there are none.
     pub findings: Vec<String>,
-    /// The same for programs, in the same order.
+    /// The findings for programs, in the same order.
     pub kinds: Vec<FindingKind>,
 }
 
@@ -211,39 +210,40 @@ pub struct Stretch {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct FindingKind {
-    /// Position of the SubDevice; null concerns the segment.
+    /// Position of the SubDevice; null if it concerns the segment.
     pub position: Option<usize>,
-    /// Since when, from the beginning of the judged time; null if it has no time of its own.
+    /// Instant since which it holds, from the start of the judged time; null if it has no time of
+    /// its own.
     pub since_ns: Option<i64>,
-    /// What.
+    /// The kind.
     #[serde(flatten, serialize_with = "typed::kind")]
     #[schemars(with = "KindDocument")]
     pub kind: Kind,
 }
 
-/// One SubDevice, as the judges saw it in the segment's own true time.
+/// One SubDevice as the judges saw it, in the segment's own true time.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct DeviceSummary {
-    /// Place in processing order, from 0.
+    /// Position in processing order, from 0.
     pub position: usize,
     /// Name in the segment file.
     pub name: String,
     /// State at the end of the judged time.
     pub state: String,
-    /// Synchronization mode that its stack runs in.
+    /// Synchronization mode of its stack.
     pub mode: String,
-    /// SYNC0 edges against the grid that the MainDevice wrote; null without SYNC0.
+    /// Distance of SYNC0 edges from the grid that the MainDevice wrote; null without SYNC0.
     pub sync0_error: Option<Spread>,
-    /// From the end of copying and calculating to SYNC0.
+    /// Time from the end of copying and calculating to SYNC0.
     pub sync0_margin: Option<Span>,
-    /// Age of outputs when they act for the first time: from the first bit of the frame that
-    /// brought them, at the port of the MainDevice; null without outputs.
+    /// Age of outputs when they first act, counted from the first bit of the frame with them at the
+    /// port of the MainDevice; null without outputs.
     pub outputs_age: Option<Span>,
-    /// Age of inputs when they arrive: from Input Latch to the last bit, back at that port, of the
-    /// first frame that brings them; null without inputs.
+    /// Age of inputs when they arrive, counted from Input Latch to the last bit, back at that port,
+    /// of the first frame with them; null without inputs.
     pub inputs_age: Option<Span>,
-    /// SYNC0 edges while a frame with process data passed it.
+    /// Number of SYNC0 edges while a frame with process data passed it.
     pub sync0_in_frame: u64,
     /// 0x1C32:0B.
     pub sm_event_missed: u32,
@@ -253,14 +253,14 @@ pub struct DeviceSummary {
     pub shift_time_too_short: u32,
     /// 0x1C32:20.
     pub sync_error: u32,
-    /// What speaks against it.
+    /// Its findings.
     pub findings: Vec<String>,
-    /// The same for programs, in the same order.
+    /// Its findings for programs, in the same order.
     pub kinds: Vec<FindingKind>,
 }
 
 impl Summary {
-    /// Of a service that has ended: call [`Server::finish`] before.
+    /// The summary of a service that has ended. Call [`Server::finish`] before.
     pub fn new(server: &Server, segment_file: &str, interface: &str, served: Nanos) -> Self {
         let counts = server.counts();
         let sessions = server.sessions().iter().chain(server.session());
@@ -288,8 +288,7 @@ impl Summary {
         }
     }
 
-    /// What all sessions come to: something speaks against one of them, or else that of the last
-    /// one.
+    /// The answer for all sessions: a finding in any of them, or else the answer of the last one.
     pub fn answer(&self) -> Answer {
         let answers = || self.sessions.iter().map(|session| answer(session.judged.as_ref()));
         match answers().any(|answer| answer == Answer::Except) {
@@ -298,7 +297,7 @@ impl Summary {
         }
     }
 
-    /// Whether all that was expected came so.
+    /// The outcome by all expectations.
     pub fn outcome(&self) -> Outcome {
         let any = |met| self.expected.iter().any(|one| one.met == met);
         match (any(Some(false)), any(None)) {
@@ -383,7 +382,7 @@ fn steps(session: &Session) -> Vec<Step> {
     steps
 }
 
-/// What a MainDevice left out or did badly.
+/// The omissions and errors of a MainDevice.
 fn remarks(server: &Server, session: &Session) -> Vec<String> {
     let conduct = &session.conduct;
     let mut remarks = Vec::new();
@@ -483,7 +482,8 @@ fn cycle_remarks(conduct: &Conduct, session: &Session, say: &mut impl FnMut(Stri
 }
 
 fn judged_remarks(server: &Server, judged: &Judged, say: &mut impl FnMut(String)) {
-    // Who fell has another mode now, and who has no process data has nothing to synchronize.
+    // A SubDevice that has fallen now has another mode, and one without process data has nothing to
+    // synchronize.
     let devices = || judged.devices.iter().enumerate();
     let in_op = |device: &JudgedDevice| device.took_part && device.state == AlState::Op;
     let deaf: Vec<_> = devices()
@@ -579,7 +579,7 @@ fn kind(finding: &Finding) -> FindingKind {
     }
 }
 
-/// So many SubDevices.
+/// The number of SubDevices in words.
 fn count(devices: usize) -> String {
     match devices {
         1 => "1 SubDevice".to_owned(),

@@ -1,9 +1,9 @@
-//! Frames of a served segment, as a tap is shown those of a simulated run.
+//! Shows frames of a served segment to a tap, in the form of a simulated run.
 
 use isocat_sim::{MainPort, Passage, Tap};
 use isocat_wire::time::{Time, True};
 
-/// Shows a frame as it left, and what became of it.
+/// Shows a frame as it left, and its answer.
 pub fn show(tap: &mut dyn Tap, passage: &Passage, before: &[u8], after: &[u8]) {
     show_frame(tap, passage.from, passage.start, true, before);
     match passage.fate {

@@ -1,4 +1,4 @@
-//! The summary for people: a hundred columns.
+//! The summary for users, within a hundred columns.
 
 use std::fmt::{self, Write};
 
@@ -15,11 +15,11 @@ const GOOD: Style = AnsiColor::Green.on_default().bold();
 const BAD: Style = AnsiColor::Red.on_default().bold();
 const QUIET: Style = Style::new().dimmed();
 
-/// Entries of a list that a reader wants to see before the rest.
+/// Number of list entries that are printed before the rest is only counted.
 const MOST: usize = 40;
 
 impl Summary {
-    /// The summary as text, with ANSI styles; print it through a stream that strips them where they
+    /// The summary as text with ANSI styles. Print it through a stream that strips them where they
     /// are not wanted.
     pub fn text(&self) -> String {
         let mut text = String::new();
@@ -264,7 +264,7 @@ impl JudgedSummary {
     }
 }
 
-/// A figure in ns, in the unit that reads best.
+/// A figure in ns, in the most readable unit.
 fn us(ns: f64) -> String {
     time(Picos((ns * 1000.0) as i64))
 }

@@ -1,4 +1,4 @@
-//! What the judges say of an exchange in operation, in the segment's own time.
+//! The judges' results for an exchange in operation, in the segment's own time.
 
 use isocat_sim::bench::DeviceBench;
 use isocat_sim::finding::{self, Finding, Place};
@@ -8,59 +8,59 @@ use isocat_sync::object::{OUTPUT_PARAMETER, sub};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatus, AlStatusCode, ObjectAddress};
 
-/// A stretch of operation, judged.
+/// A judged stretch of operation.
 #[derive(Clone, Debug)]
 pub struct Judged {
-    /// When all SubDevices that were asked for were in OP.
+    /// The instant at which all SubDevices that were asked for were in OP.
     pub began: Time<True>,
-    /// When it ended, or was looked at.
+    /// The instant at which it ended, or was evaluated.
     pub ended: Time<True>,
-    /// SubDevices in OP at the beginning.
+    /// Number of SubDevices in OP at the start.
     pub devices_in_op: usize,
     /// Every SubDevice, by position.
     pub devices: Vec<JudgedDevice>,
 }
 
-/// What is said of one SubDevice.
+/// The results of one SubDevice.
 #[derive(Clone, Debug)]
 pub struct JudgedDevice {
     /// Its state at the end.
     pub state: AlState,
-    /// Why.
+    /// Its AL status code.
     pub code: AlStatusCode,
-    /// The mode it runs in.
+    /// Its synchronization mode.
     pub mode: SyncMode,
-    /// It was in OP when the judging began.
+    /// Whether it was in OP when the judging began.
     pub took_part: bool,
-    /// SYNC0 edges against the grid that was written into its SYNC unit, ps; `None` without SYNC0.
+    /// Distance of SYNC0 edges from the grid in its SYNC unit, ps; `None` without SYNC0.
     pub sync0_error: Option<Statistics>,
-    /// From the end of copying and calculating to SYNC0, ps.
+    /// Time from the end of copying and calculating to SYNC0, ps.
     pub margin: Statistics,
-    /// From the SM2 event to SYNC0, ps.
+    /// Time from the SM2 event to SYNC0, ps.
     pub distance: Statistics,
     /// Age of outputs when they act, and of inputs when they are back at the MainDevice's port, ps.
     pub ages: [Statistics; 2],
-    /// SYNC0 edges that came while process data passed it.
+    /// Number of SYNC0 edges while process data passed it.
     pub sync0_in_frame: u64,
-    /// Counters of 0x1C32, as the stack has them: 0B, 0C, 0D, 20.
+    /// Counters of 0x1C32 in the stack: 0B, 0C, 0D, 20.
     pub counters: [u32; 4],
-    /// The same when the judging began.
+    /// The same counters when the judging began.
     pub counters_before: [u32; 4],
-    /// It has process data of its own.
+    /// Whether it has process data of its own.
     pub has_process_data: bool,
-    /// Outputs are transmitted.
+    /// Whether it has outputs.
     pub has_outputs: bool,
-    /// What speaks against it, each with the time from the beginning if it has one.
+    /// Its findings, each with the time from the start if it has one.
     pub findings: Vec<Finding>,
 }
 
 impl Judged {
-    /// The view of those who begin to judge at `at`.
+    /// An empty judgement that begins at `at`.
     pub fn begin(served: &Served, at: Time<True>) -> Self {
         Self::new(served, (at, at), |position| counters(served, position))
     }
 
-    /// The same judging, as it looks at `ended`.
+    /// The same judgement as of `ended`.
     pub fn until(&self, served: &Served, ended: Time<True>) -> Self {
         let before = |position: usize| self.devices[position].counters_before;
         Self::new(served, (self.began, ended), before)
@@ -78,13 +78,13 @@ impl Judged {
         Self { began, ended, devices_in_op, devices }
     }
 
-    /// Nothing speaks against any SubDevice.
+    /// Whether no SubDevice has a finding.
     pub fn in_sync(&self) -> bool {
         self.devices_in_op > 0 && self.devices.iter().all(|device| device.findings.is_empty())
     }
 }
 
-/// 0x1C32:0B, 0C, 0D and 20, as the stack has them now.
+/// The present values of 0x1C32:0B, 0C, 0D and 20 in the stack.
 fn counters(served: &Served, position: usize) -> [u32; 4] {
     let sync = served.segment().devices()[position].stack.sync();
     [
@@ -147,7 +147,7 @@ fn findings(
         let (state, code) = (AlStatus::new(change.state), change.code);
         find(Some(change.at), finding::Judged::LeftOp { state, code });
     }
-    // Who does not work by SYNC0 may do so whenever he likes.
+    // A SubDevice that does not use SYNC0 may work at any time.
     let works_by_sync0 = judged.mode.uses_dc();
     if let Some(first) = bench.missed.first().filter(|at| within(*at)) {
         let (count, outputs) = (bench.missed.count(), judged.has_outputs);
@@ -177,7 +177,8 @@ fn findings(
         find(Some(at), kind);
     }
     let object = |sub| ObjectAddress::new(OUTPUT_PARAMETER, sub);
-    // What was counted on the way up is the way up's; one that is smaller was set back meanwhile.
+    // Counts from before the judging belong to start-up. A counter that is smaller now was reset
+    // meanwhile.
     let grown = |at: usize| {
         let (before, value) = (judged.counters_before[at], judged.counters[at]);
         let grew = value.checked_sub(before).unwrap_or(value);
@@ -197,5 +198,5 @@ fn findings(
     findings
 }
 
-/// Time in which the first edges come.
+/// Time within which the first edges must come.
 const FIRST_EDGES: Picos = Picos(2_000_000_000_000);

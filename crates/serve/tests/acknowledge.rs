@@ -1,4 +1,4 @@
-//! SYNC0 pulses that make no edge are found whatever MainDevice asked for them.
+//! SYNC0 pulses that make no edge are found, whichever MainDevice asked for them.
 
 mod line;
 

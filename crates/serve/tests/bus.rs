@@ -1,4 +1,4 @@
-//! The bus in virtual time, with a MainDevice that is none of the simulation's.
+//! The bus in virtual time, with a real MainDevice instead of the simulation's.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
@@ -35,7 +35,8 @@ fn count() -> Vec<u8> {
     buffer[..len].to_vec()
 }
 
-/// Drives a MainDevice for `span`. While it waits, time moves in steps of `look`, or at once. Gives a hash of all answers.
+/// Drives a MainDevice for `span`. While it waits, time moves in steps of `look`, or in one step.
+/// Returns a hash of all answers.
 fn run(bus: &mut Bus, main: &mut MainDevice, span: Nanos, look: Option<Nanos>) -> u64 {
     let end = bus.now() + span;
     let mut wire = DefaultHasher::new();
@@ -169,7 +170,7 @@ fn answers_wait_for_their_last_bit() {
     let mut bus = bus("");
     let answer = bus.send(MainPort::Primary, BEGIN, &count()).expect("a frame");
     let Answer::Back { last_bit, port, .. } = answer else { panic!("{answer:?}") };
-    // 84 bytes on a wire of 100 Mbit/s, and three devices.
+    // The time of 84 bytes on a wire of 100 Mbit/s, and of three devices.
     assert!((Nanos(6_720)..Nanos(12_000)).contains(&(last_bit - BEGIN)), "{:?}", last_bit - BEGIN);
     assert_eq!((bus.next_arrival(), port), (Some(last_bit), MainPort::Primary));
     bus.advance(last_bit + Nanos(-1)).expect("time goes on");

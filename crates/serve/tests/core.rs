@@ -1,5 +1,5 @@
-//! The core of the served segment without sockets: a MainDevice that is none of the simulation's, in virtual time, with devices whose
-//! application is the test's own.
+//! The core of the served segment without sockets: an external MainDevice in virtual time, and
+//! devices with applications of the test.
 
 mod line;
 
@@ -53,7 +53,7 @@ fn process_data_are_seen_and_set() {
     line.run(Nanos::millis(5), |_| false);
     assert_eq!(line.server.outputs(1), Some(vec![0xA5; len]));
     assert_eq!(line.main.inputs(1)[0], 0x5A, "the caller's");
-    // The profile's application copies its outputs: what was not set is still its own.
+    // The profile's application copies its outputs; bytes that were not set are still its own.
     assert_eq!(line.main.inputs(1)[1..], vec![0xA5; len - 1], "the application's");
     assert_eq!(line.main.inputs(0)[0], 0, "no other device's");
     line.server.set_inputs(1, None);
@@ -65,7 +65,7 @@ fn process_data_are_seen_and_set() {
     assert_eq!(line.server.outputs(3), None, "no such device");
 }
 
-/// An application of the test's own: it counts its steps, and its input is what its output was, plus one.
+/// An application of the test: it counts its steps, and its input is its last output plus one.
 struct PlusOne {
     steps: Arc<AtomicU32>,
     value: u8,

@@ -1,5 +1,5 @@
-//! What a segment file expects of a served segment: judged in true time at the end of the service, with a foreign MainDevice that
-//! goes down in order, falls silent, or comes anew.
+//! The expectations of a segment file for a served segment, judged in true time at the end of the
+//! service. The foreign MainDevice shuts down in order, falls silent, or restarts.
 
 mod line;
 
@@ -26,7 +26,7 @@ fn scenario(fault: &str) -> Scenario {
     Scenario::from(file.expect("a segment"))
 }
 
-/// A segment with a fault, in operation for so long.
+/// A segment with a fault, in operation for this time.
 fn in_operation(fault: &str, expectations: &[Expectation], span: Nanos) -> Line {
     let scenario = scenario(fault);
     let setup = Setup { expectations: expectations.to_vec(), ..Setup::from(&scenario) };
@@ -36,7 +36,7 @@ fn in_operation(fault: &str, expectations: &[Expectation], span: Nanos) -> Line 
     line
 }
 
-/// The MainDevice goes down in order, and the service ends a second later.
+/// The MainDevice shuts down in order, and the service ends a second later.
 fn stop(line: &mut Line) {
     line.main.stop();
     assert!(line.run(Nanos::millis(5_000), |event| matches!(event, Event::Stopped)));
@@ -56,14 +56,14 @@ fn judgements(line: &mut Line) -> Vec<Judgement> {
     line.server.judgements()
 }
 
-/// What becomes of expectations where axis 2 is cut off for 200 ms.
+/// The judgements if axis 2 is cut off for 200 ms.
 fn with_a_cut(expectations: &[Expectation]) -> Vec<Judgement> {
     let mut line = in_operation("pull axis 2 for 200ms", expectations, Nanos::millis(4_000));
     stop(&mut line);
     judgements(&mut line)
 }
 
-/// The smallest limit in whole nanoseconds that a figure keeps.
+/// The smallest limit in whole nanoseconds that the figure meets.
 fn at_least(figure: Picos) -> Nanos {
     Nanos((figure.0 + 999) / 1_000)
 }
@@ -118,7 +118,8 @@ fn a_segment_that_is_taken_down_in_order_was_in_sync() {
     assert_eq!(judged[3].found, Found::RunEnded);
 }
 
-/// A run that ends with silence ends with the last frame: what it is too short to show is not met.
+/// A run that ends with silence ends with its last frame: an expectation that needs a longer run is
+/// not met.
 #[test]
 fn what_the_run_is_too_short_to_show_is_not_met() {
     let run = |expectations: &[Expectation]| {
@@ -136,7 +137,8 @@ fn what_the_run_is_too_short_to_show_is_not_met() {
     assert_eq!(judged[1].found, Found::RunEnded);
 }
 
-/// Where frames stop in the middle, outputs have to go safe; nothing else counts from then on, unless a MainDevice comes anew.
+/// If frames stop in the middle, outputs must go safe; nothing else counts from then on, unless a
+/// MainDevice starts again.
 #[test]
 fn a_main_device_that_falls_silent_leaves_outputs_to_the_watchdog() {
     let limit = Nanos::millis(100);
@@ -152,7 +154,7 @@ fn a_main_device_that_falls_silent_leaves_outputs_to_the_watchdog() {
     let judged = line.server.judgements();
     let met: Vec<_> = judged.iter().map(|judgement| judgement.met).collect();
     assert_eq!(met, [true, true, false, true, false], "{judged:?}");
-    // The same machine with its program started anew.
+    // The program on the same machine is restarted.
     line.main = MainDevice::new(scenario("").config(), line.now);
     line.bring_up();
     line.run(Nanos::millis(20_000), |_| false);
@@ -174,7 +176,7 @@ fn what_can_not_be_judged_is_not_met() {
     };
     // The MainDevice's machine is not simulated.
     assert_eq!(judged("stall 5ms"), [(false, Found::NoEdge), (false, Found::NoFault)]);
-    // The service ends 100 ms too early for this one.
+    // The service ends 100 ms too early for this expectation.
     assert_eq!(judged("drop 1"), [(false, Found::NoEdge), (false, Found::RunEnded)]);
     let met = judged("");
     assert_eq!(met, [(false, Found::NoEdge), (true, Found::Recovered(Picos::ZERO))]);

@@ -40,7 +40,8 @@ fn all_in_op(line: &Line) -> bool {
     devices.iter().all(|device| device.stack.state() == AlState::Op)
 }
 
-/// One frame that reads the AL status of all, from this port: where it comes back, and how many counted.
+/// Sends one frame from this port that reads the AL status of all. Returns the port at which it
+/// comes back, and the number of SubDevices that counted.
 fn count(server: &mut Server, from: MainPort, now: i64) -> Option<(MainPort, u16)> {
     let mut buffer = [0; 64];
     let mut frame = FrameWriter::new(&mut buffer, [2, 0, 0, 0, 0, 1]);
@@ -63,7 +64,7 @@ fn frames_come_out_at_the_other_end_and_turn_at_a_cut() {
     assert!(server.has_two_ports());
     let ms = 1_000_000;
     assert_eq!(count(&mut server, Primary, ms), Some((Secondary, 4)));
-    // Against the order: none looks into it.
+    // Against the processing order no SubDevice processes the frame.
     assert_eq!(count(&mut server, Secondary, 2 * ms), Some((Primary, 0)));
     for (cut, near, far) in
         [("io 0", None, Some(4)), ("io 1", Some(1), Some(3)), ("ring", Some(4), None)]
@@ -83,7 +84,7 @@ fn frames_come_out_at_the_other_end_and_turn_at_a_cut() {
         now += 400 * ms;
         assert_eq!(count(&mut server, Primary, now), Some((Secondary, 4)), "{cut}");
     }
-    // A port of the MainDevice that is down is a cable without a signal.
+    // A port of the MainDevice that is down acts as a cable without signal.
     let now = server.served().now().as_nanos() as i64 + ms;
     server.link(Time::new(now as u64), Secondary, false);
     assert_eq!(count(&mut server, Primary, now + ms), Some((Primary, 4)));
@@ -106,7 +107,8 @@ fn a_main_device_with_two_ports_goes_on_behind_each_cut() {
     }
 }
 
-/// Each frame leaves as two: what a MainDevice does it does once all the same, in a whole ring and in one that is cut.
+/// Each frame is sent twice, yet each deed of the MainDevice counts once, in a whole ring and in a
+/// cut one.
 #[test]
 fn copies_are_no_deeds() {
     let alone = Config::new(Nanos::millis(1));
@@ -153,7 +155,7 @@ fn copies_are_no_deeds() {
     assert!(session.second_port_frames > 500);
 }
 
-/// Where the primary port is silent, the secondary one says what the MainDevice does.
+/// If the primary port is silent, frames of the secondary one show what the MainDevice does.
 #[test]
 fn the_secondary_port_alone_is_heard() {
     let mut server = Server::new(&scenario("ring = true"), Time::new(0));
@@ -162,7 +164,7 @@ fn the_secondary_port_alone_is_heard() {
         let heard = server.session().is_some();
         assert_eq!(heard, ms == 101, "{ms}");
     }
-    // And no more once the primary port is heard again.
+    // It no longer counts when the primary port is heard again.
     count(&mut server, MainPort::Primary, 102_000_000);
     count(&mut server, MainPort::Secondary, 103_000_000);
     let conduct = &server.session().expect("it goes on").conduct;

@@ -1,5 +1,5 @@
-//! Outputs that act a whole cycle late are found whoever's MainDevice sends them: by their content,
-//! with no plan and no intent but the SYNC units.
+//! Outputs that act a whole cycle late are found with any MainDevice: by their content, without a
+//! plan and with no intent but the SYNC units.
 
 mod line;
 
@@ -9,7 +9,7 @@ use isocat_wire::register;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use line::Line;
 
-/// SYNC1 lies 657 us behind the frame, and SYNC0 `sync1` before it.
+/// SYNC1 comes 657 us behind the frame, and SYNC0 `sync1` before it.
 fn scenario(sync1: &str) -> Scenario {
     let text = format!(
         "cycle = \"1ms\"\nhop_jitter = false\nclocks = \"0ppm\"\ndrift_law = \"proportional\"\nshift = \"657us\"\n[[subdevice]]\ndevice = \"model_every_mode\"\nmode = \"dc-sync1\"\nsync1 = \"{sync1}\"\n"
@@ -37,8 +37,7 @@ fn frames_behind_the_sync0_that_fetches_them_are_a_cycle_late() {
     let judged = late.server.judged().expect("judged");
     assert!(!judged.in_sync());
     let [outputs, inputs] = judged.devices[0].ages;
-    // 657 us to SYNC1, one cycle more, and 30 us from there; within what the frames are off their
-    // phase.
+    // 657 us to SYNC1, one cycle more, and 30 us from there, within the phase error of the frames.
     assert!((outputs.mean() / 1e6 - 1_687.0).abs() < 1.0, "{outputs:?}");
     // From SYNC1 to the next frame, which takes some 8 us.
     assert!((inputs.mean() / 1e6 - 350.0).abs() < 3.0, "{inputs:?}");
@@ -50,8 +49,8 @@ fn frames_behind_the_sync0_that_fetches_them_are_a_cycle_late() {
     assert!((outputs.mean() / 1e6 - 687.0).abs() < 1.0, "{outputs:?}");
 }
 
-/// A MainDevice that sends one frame each cycle, whose last bit is stored so many ns behind SYNC1;
-/// gives how many outputs acted and how many of them late.
+/// The MainDevice sends one frame each cycle, whose last bit is stored `behind` ns after SYNC1.
+/// Returns the number of outputs that acted, and of those that were late.
 fn stored_behind_sync1(behind: i64) -> (u64, u64) {
     let mut line = line(&scenario("500us"));
     line.run(Nanos::millis(20), |_| false);
@@ -63,8 +62,7 @@ fn stored_behind_sync1(behind: i64) -> (u64, u64) {
         let segment = line.server.served().segment();
         let device = &segment.devices()[0];
         let way = segment.path().entries[0].after + len;
-        // The register is as it was when somebody read it: the pulse comes at the same phase of
-        // each cycle.
+        // The register has the value of its last read; the pulse has the same phase in each cycle.
         let pulse = i128::from(device.esc.register(register::SYNC1_NEXT)) * 1000;
         let until = (pulse - device.system_time_ps(now)).rem_euclid(CYCLE_PS);
         let stored: Time<True> = now + Picos(until as i64) + Picos(behind * 1000);
@@ -86,8 +84,8 @@ fn counts(line: &Line) -> (u64, u64) {
     (judge.age().count(), judge.late().count())
 }
 
-/// A pulse comes with the first 10 ns tick at or behind the time in its register. Up to that
-/// nanosecond outputs that are stored are passed by, and from the next one on they are not.
+/// A pulse comes with the first 10 ns tick at or behind the time in its register. It passes over
+/// outputs that are stored up to that nanosecond, so they act late; outputs stored later do not.
 #[test]
 fn both_sides_of_the_acting_pulse() {
     let late: Vec<_> = (-1..=10)

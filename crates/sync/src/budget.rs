@@ -1,7 +1,8 @@
-//! The timing budget: where in the cycle SYNC0 must lie, and how much time each demand leaves over.
+//! The timing budget: where in the cycle SYNC0 must lie, and how much slack each demand has.
 //!
 //! All phases count from the start of the system-time cycle. The frame finds the reference clock at
-//! [`Cycle::send`]; at a SubDevice its last output byte is stored [`Device::outputs_arrival`] later.
+//! [`Cycle::send`]; at a SubDevice its last output byte is stored [`Device::outputs_arrival`]
+//! later.
 //!
 //! ```text
 //!   send        arrival      ready                   SYNC0                        next frame
@@ -9,9 +10,10 @@
 //!                                                      |-- 1C32:03 or :09 --> outputs valid
 //! ```
 //!
-//! A demand ([`Check`]) says what must not exceed what; its [`Demand`] has both sides as sums whose
-//! [`Term`]s name what each figure is and where it comes from; a [`Line`] is the demand in short. [`window`]
-//! tells where one SubDevice lets the acting pulse lie, [`moments`] when what must have happened.
+//! A [`Check`] names a demand: one time that must not exceed another. Its [`Demand`] has both sides
+//! as sums, whose [`Term`]s name each figure and its origin; a [`Line`] is the short form of the
+//! demand. [`window`] gives the phases of the acting pulse that one SubDevice allows, and
+//! [`moments`] the time span of each event.
 
 use isocat_wire::time::Nanos;
 
@@ -32,18 +34,19 @@ pub use line::{Budget, Demand, Line};
 pub use moments::{Moments, Span, moments};
 pub use term::{Origin, Origins, Quantity, Sum, Term};
 
-/// What all SubDevices share.
+/// The figures that all SubDevices share.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Cycle {
     /// Bus cycle.
     pub cycle: Nanos,
     /// Phase at which the frame finds the reference clock.
     pub send: Nanos,
-    /// A frame may be later than planned by this much, never earlier.
+    /// A frame may be later than planned by this much; it is never earlier.
     pub jitter: Nanos,
-    /// The part of [`Cycle::jitter`] that the hops make; the host makes the rest.
+    /// The part of [`Cycle::jitter`] that the hops cause; the host causes the rest.
     pub hop_jitter: Nanos,
-    /// In a ring: a frame that goes the longest way comes to the reference clock later than planned by this much. 0 on a line.
+    /// In a ring: a frame that takes the longest way meets the reference clock this much later than
+    /// planned. 0 on a line.
     pub ring_way: Nanos,
     /// Two clocks of the segment may differ by this much.
     pub clock_error: Nanos,
@@ -52,12 +55,12 @@ pub struct Cycle {
     /// The reference clock's oscillator may be faster or slower than the wire's bit clock by this
     /// much, ppb.
     pub clock_deviation_ppb: i64,
-    /// With what a SubDevice counts as synchronized.
+    /// The limits within which a SubDevice counts as synchronized.
     pub limits: Limits,
 }
 
-/// With what a SubDevice counts as synchronized: the judges of a run refuse more, and so does the
-/// plan.
+/// The limits within which a SubDevice counts as synchronized. The judges of a run and the plan
+/// both reject larger errors.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Limits {
     /// Largest distance of a SYNC0 edge from the grid that was asked for.
@@ -67,44 +70,47 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// 1 us for both. SYNC0: what the field calls synchronous; a healthy segment is far below.
-    /// Outputs: the distance of minimum and maximum delay time, 0x1C32:07 and :09, that ETG.1020
-    /// allows.
+    /// 1 us for both. For SYNC0 this is the limit that the field calls synchronous; a healthy
+    /// segment is far below it. For outputs it is the distance of minimum and maximum delay time,
+    /// 0x1C32:07 and :09, that ETG.1020 allows.
     fn default() -> Self {
         Self { sync0_error: Nanos::micros(1), outputs_spread: Nanos::micros(1) }
     }
 }
 
-/// One SubDevice's demands.
+/// The figures of one SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Device {
-    /// How it is synchronized.
+    /// Its synchronization mode.
     pub mode: SyncMode,
-    /// Its SYNC pulses; nothing without DC.
+    /// Its SYNC pulses; zero without DC.
     pub pulses: Pulses,
-    /// How its SYNC signals fall again. No object states it.
+    /// What ends the pulses of its SYNC signals. No object states it.
     pub sync_signal: SyncSignal,
-    /// Its process data travel in every so many bus cycles; 1 or more.
+    /// Its process data are exchanged in every n-th bus cycle; 1 or more.
     pub every: u32,
-    /// By how much the frames with its process data are earlier where those of other groups do not go before them.
+    /// How much earlier the frames with its process data arrive in cycles without the frames of
+    /// other groups before them.
     pub frame_spread: Nanos,
-    /// In a ring: by how much its frames are earlier on the shortest way than on the longest, which is the one that counts in
-    /// the arrivals. 0 on a line.
+    /// In a ring: how much earlier its frames arrive on the shortest way than on the longest. The
+    /// arrivals are those of the longest way. 0 on a line.
     pub ring_spread: Nanos,
-    /// Propagation delay from the reference clock: the part of both arrivals that is no frame's.
+    /// Propagation delay from the reference clock. It is the part of both arrivals that does not
+    /// depend on the frames.
     pub delay: Nanos,
-    /// From the frame at the reference clock until the last output byte is stored here, in the fullest cycle; `None` if
-    /// it has no outputs.
+    /// Time from the frame's arrival at the reference clock until the last output byte is stored
+    /// here, in the fullest cycle; `None` without outputs.
     pub outputs_arrival: Option<Nanos>,
-    /// From the frame at the reference clock until the frame that fetches the inputs begins here, where no other
-    /// group's goes before it; `None` if it has no inputs.
+    /// Time from the frame's arrival at the reference clock until the frame that fetches the inputs
+    /// begins here, in a cycle without frames of other groups before it; `None` without inputs.
     pub inputs_fetched: Option<Nanos>,
-    /// From the frame at the reference clock until that frame is through here, in the fullest cycle: the SM3 event.
+    /// Time from the frame's arrival at the reference clock until the frame that fetches the inputs
+    /// has passed here, in the fullest cycle: the SM3 event.
     pub inputs_read: Option<Nanos>,
-    /// How long outputs stay valid without new ones (registers 0x0400, 0x0420); `None`: as long as one likes, or
-    /// there are none.
+    /// How long outputs stay valid without new ones (registers 0x0400, 0x0420). `None`: no
+    /// watchdog, or no outputs.
     pub watchdog: Option<Nanos>,
-    /// 0x1C32:05, 0x1C33:05: the larger one.
+    /// The larger of 0x1C32:05 and 0x1C33:05.
     pub minimum_cycle: Nanos,
     /// 0x1C32:06.
     pub output_calc_and_copy: Nanos,
@@ -114,14 +120,14 @@ pub struct Device {
     pub output_shift: Option<Nanos>,
     /// 0x1C33:06.
     pub input_calc_and_copy: Nanos,
-    /// 0x1C33:03, if inputs are shifted by a local timer; else zero.
+    /// 0x1C33:03 if inputs are shifted by a local timer; otherwise zero.
     pub input_shift: Nanos,
-    /// 0x1C33:09: counts where SYNC1 takes the inputs.
+    /// 0x1C33:09. It counts where SYNC1 latches the inputs.
     pub input_delay: Nanos,
-    /// How much later than the pulse its steps may begin: no object states it.
+    /// How much later than the pulse its steps may begin. No object states it.
     pub pulse_jitter: Nanos,
-    /// From the shortest to the longest time from the acting pulse to Outputs Valid: no object
-    /// states it.
+    /// The difference of the longest and the shortest time from the acting pulse to Outputs Valid.
+    /// No object states it.
     pub outputs_spread: Nanos,
     /// Its oscillator may be faster or slower than the reference clock's by this much, ppb.
     pub clock_deviation_ppb: i64,
@@ -136,14 +142,14 @@ impl Device {
         Nanos(phase.0.checked_rem_euclid(self.pulses.sync0_cycle.0).unwrap_or(phase.0))
     }
 
-    /// From one exchange of its process data to the next.
+    /// Time from one exchange of its process data to the next.
     pub fn exchange(&self, cycle: &Cycle) -> Nanos {
         Nanos(cycle.cycle.0 * i64::from(self.every))
     }
 
-    /// The shift of its outputs by a local timer, where its mode has one: an output that acts at
-    /// SYNC1 is shifted by SYNC1, and 0x1C32:03 is not used (ETG.1020, columns "DC SYNC1" and "DC
-    /// shift SYNC1").
+    /// The shift of its outputs by a local timer, if its mode has one. An output that acts at SYNC1
+    /// is shifted by SYNC1, and 0x1C32:03 is not used (ETG.1020, columns "DC SYNC1" and "DC shift
+    /// SYNC1").
     pub fn timed_output_shift(&self) -> Option<Nanos> {
         let timed = match self.mode {
             SyncMode::FreeRun | SyncMode::SmSynchronous | SyncMode::DcSync1 => false,
@@ -153,30 +159,32 @@ impl Device {
         self.output_shift.filter(|_| timed)
     }
 
-    /// From the acting pulse to Outputs Valid: the shift, but the hardware needs its delay.
+    /// Time from the acting pulse to Outputs Valid: the shift, but at least the delay of the
+    /// hardware.
     pub fn outputs_act_after(&self) -> Nanos {
         self.timed_output_shift().unwrap_or(Nanos::ZERO).max(self.output_delay)
     }
 
-    /// From SYNC1 to Input Latch where SYNC1 takes the inputs. Without outputs 0x1C33:01 alone tells the mode, and to
-    /// the device it is that of inputs at SYNC1 itself.
+    /// Time from SYNC1 to Input Latch where SYNC1 latches the inputs. Without outputs only
+    /// 0x1C33:01 tells the mode, and the device then latches inputs at SYNC1 itself.
     fn delay_behind_sync1(&self) -> Nanos {
         if self.outputs_arrival.is_some() { self.input_delay } else { Nanos::ZERO }
     }
 
-    /// Whether a local timer shifts its inputs, in a mode that has such a shift.
+    /// Whether a local timer shifts its inputs. The mode must have such a shift.
     pub fn shifts_inputs(&self) -> bool {
         let modes = [SyncMode::SmSynchronous, SyncMode::DcSync0, SyncMode::DcSubordinated];
         self.input_shift > Nanos::ZERO && modes.contains(&self.mode)
     }
 }
 
-/// Where one SubDevice lets the acting pulse lie; `None` where it does not mind.
+/// The phases of the acting pulse that one SubDevice allows; `None` means no limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Window {
-    /// Not before: its outputs would not be ready; without outputs, its inputs not read.
+    /// The earliest phase: before it the outputs are not ready or, without outputs, the inputs not
+    /// read.
     pub earliest: Option<Nanos>,
-    /// Not after: its inputs would miss the frame that fetches them.
+    /// The latest phase: after it the inputs miss the frame that fetches them.
     pub latest: Option<Nanos>,
 }
 
@@ -201,7 +209,7 @@ const fn before_pulse(device: &Device) -> Check {
     }
 }
 
-/// The window of all SubDevices together: the output reference and the input reference.
+/// The window that all SubDevices allow together: the output reference and the input reference.
 pub fn common_window<'a>(
     cycle: &Cycle,
     devices: impl IntoIterator<Item = &'a Device>,
@@ -219,12 +227,12 @@ pub fn common_window<'a>(
     common
 }
 
-/// SYNC0's phase for all SubDevices in DC SYNC0 together: in the middle between the latest moment at
-/// which outputs are ready and the earliest at which inputs must be begun, in whole microseconds. `None` if no
-/// SubDevice uses SYNC0.
+/// SYNC0's common phase for all SubDevices in DC SYNC0. It is the middle between the latest moment
+/// at which outputs are ready and the earliest at which inputs must be started, in whole
+/// microseconds. `None` if no SubDevice uses SYNC0.
 ///
-/// One phase for all, so that their outputs switch together. If nothing fits it is the middle all the same,
-/// and [`budget`] names the lines that fail.
+/// One phase serves all, so that their outputs switch together. If nothing fits the result is still
+/// the middle, and [`budget`] names the lines that fail.
 pub fn common_shift<'a>(
     cycle: &Cycle,
     devices: impl IntoIterator<Item = &'a Device>,
@@ -248,13 +256,13 @@ pub fn budget(cycle: &Cycle, shift: Nanos, device: &Device) -> Budget {
     budget
 }
 
-/// One line of it with all its figures; `None` if the SubDevice's mode does not have it.
+/// One line of the budget with all its figures; `None` if the SubDevice's mode does not have it.
 pub fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check) -> Option<Demand> {
     line::demand(cycle, shift, device, check)
 }
 
-/// The demand of the frames themselves: `wire` is the time that all frames of a cycle take on the wire,
-/// gaps included.
+/// The demand of the frames themselves. `wire` is the time that all frames of a cycle take on the
+/// wire, including gaps.
 pub fn frames_in_cycle(cycle: &Cycle, wire: Nanos) -> Demand {
     line::frames_in_cycle(cycle, wire)
 }

@@ -1,30 +1,35 @@
 //! Propagation delays from the receive times of the ports, and how well they are known.
 //!
-//! A write to register 0x0900 latches, at each port of each ESC, when that frame arrived there; only
-//! differences within one ESC mean anything, since each counts its own time. Frames pass the ports in
-//! the order 0 → 3 → 1 → 2, so the time at a port less the time at the port used before it is the
-//! round trip through the branch behind that port (ESC data sheet section I, "propagation delay
-//! measurement"). With A above B, `a` the port of A towards B and `p` the port it visited before:
+//! A write to register 0x0900 latches, at each port of each ESC, when that frame arrived there.
+//! Only differences within one ESC have a meaning, since each ESC counts its own time. Frames pass
+//! the ports in the order 0 → 3 → 1 → 2, so the time at a port less the time at the port before it
+//! is the round trip through the branch behind that port (ESC data sheet section I, "propagation
+//! delay measurement"). Let A be above B, `a` the port of A towards B, and `p` the port visited
+//! before `a`:
 //!
 //! ```text
 //! t(A→B) = ((tA_a - tA_p) - (tB_last - tB_entry) + tDiff) / 2
 //! ```
 //!
-//! where `tDiff` is what A adds on the way out less what B adds on the way back.
+//! Here `tDiff` is the time that A adds on the way out less the time that B adds on the way back.
 //!
-//! - [`Node`] is a SubDevice in the tree with the times of one latch, [`Stay`] what its ESC adds.
-//! - [`propagation_delays`] takes one latch; its results go into one [`Mean`] for each SubDevice.
-//! - [`Averaging`] looks at all of them, and with it [`Mean::delay`] gives the [`Delay`].
-//! - [`hop_jitter()`] is what frames jitter by the ports on their way, which a mean may [expect](Mean::expecting).
-//! - [`turn()`] makes the tree as frames see it that come from the other end of a ring.
+//! - [`Node`] is a SubDevice in the tree with the times of one latch, [`Stay`] the time its ESC
+//!   adds.
+//! - [`propagation_delays`] evaluates one latch; its results go into one [`Mean`] for each
+//!   SubDevice.
+//! - [`Averaging`] evaluates all of them, and with it [`Mean::delay`] gives the [`Delay`].
+//! - [`hop_jitter()`] is the jitter that the ports add to frames; a mean may
+//!   [expect](Mean::expecting) it.
+//! - [`turn()`] turns the tree for frames that come from the other end of a ring.
 //!
-//! Errors. Each counter counts in ticks of 10 ns and tells the last one, so that a receive time is early by
-//! something in 0..10 ns. Along a way the times of SubDevices in line cancel, so what is left is ±5 ns at
-//! either end, and 5 to 10 ns at each fork; the coefficients of the times say exactly how much.
-//! Latches at different places within the tick average that out, and how far they did is seen in the
-//! spread over all SubDevices. What no latch sees is kept apart as [`Delay::Known::systematic`]: stays
-//! that are not known well, and clocks that run at different speeds. A cable or a PHY that is slower in
-//! one direction is in neither: half the difference is an error that nothing here can see.
+//! Errors. Each counter counts ticks of 10 ns and shows the last one, so a receive time is early by
+//! a value in 0..10 ns. Along a line the times of the SubDevices in between cancel. What remains is
+//! ±5 ns at either end, and 5 to 10 ns at each fork; the coefficients of the times give the exact
+//! amount. Latches at different places within the tick average the error out, and the spread over
+//! all SubDevices shows how far they did. Errors that no latch shows are kept apart as
+//! [`Delay::Known::systematic`]: stays that are not known well, and clocks that run at different
+//! speeds. A cable or a PHY that is slower in one direction is in neither part: half the difference
+//! is an error that this measurement cannot see.
 
 mod jitter;
 mod mean;
@@ -46,41 +51,43 @@ pub use turn::turn;
 /// One SubDevice as the delay measurement sees it. Nodes may stand in any order.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Node {
-    /// Index of the SubDevice it hangs on, and that one's port. `None`: the first that frames meet.
+    /// Index of its parent in the tree, and the parent's port. `None`: frames meet this SubDevice
+    /// first.
     pub parent: Option<(usize, PortNumber)>,
     /// The port through which frames come in; 0 unless the cables are swapped.
     pub entry: PortNumber,
-    /// Ports that frames leave through; the entry is one of them.
+    /// Ports through which frames leave, including the entry.
     pub open: [bool; 4],
-    /// Receive times of the ports, ns of its own counter, wrapping; `None` without distributed clocks.
+    /// Receive times of the ports, ns of its own counter, wrapping; `None` without distributed
+    /// clocks.
     pub receive_times: Option<[u32; 4]>,
-    /// What its ESC adds.
+    /// The time that its ESC adds.
     pub stay: Stay,
 }
 
 /// How long an ESC keeps a frame between one port and the next, and how well that is known.
 ///
-/// Only differences count: between the processing delay and the forwarding delay of one kind of ESC, and between
-/// two kinds.
+/// Only differences count: between the processing delay and the forwarding delay of one kind of
+/// ESC, and between two kinds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Stay {
-    /// Which kind of ESC: what is not known of two of the same kind is the same (register 0x0000).
+    /// Kind of ESC (register 0x0000). ESCs of the same kind have the same unknown error.
     pub kind: u8,
-    /// A stay that passes the processing unit.
+    /// A stay through the processing unit.
     pub processing: Picos,
-    /// A stay that does not.
+    /// A stay past the processing unit.
     pub forwarding: Picos,
-    /// How far off `processing - forwarding` may be.
+    /// Bound of the error of `processing - forwarding`.
     pub difference_bound: Picos,
-    /// How far off either may be when compared with another kind.
+    /// Bound of the error of either stay against that of another kind.
     pub kind_bound: Picos,
 }
 
 impl Stay {
-    /// How long an ESC keeps frames, by its type (register 0x0000). Captured receive times of a line of ET1100 and
-    /// ET1200 (loops of 600 and 310 ns) give 155 ns out and 135 ns back, to a tick; for the others, which contain
-    /// the same core, the figures are taken over. What is not known counts as equal both ways and as long as
-    /// those on the average.
+    /// How long an ESC keeps frames, by its type (register 0x0000). Captured receive times of a
+    /// line of ET1100 and ET1200 (loops of 600 and 310 ns) give 155 ns out and 135 ns back, to a
+    /// tick. Other types contain the same core and use the same figures. An unknown type counts as
+    /// equal in both directions, with the average of the known stays.
     pub fn of_esc(kind: u8) -> Self {
         let nanos = |ns: i64| Picos(1_000 * ns);
         match kind {
@@ -103,63 +110,65 @@ impl Stay {
 }
 
 /// The delay of one SubDevice: from the instant at which a frame reaches the processing unit of the
-/// reference clock until it reaches that of this one.
+/// reference clock until it reaches that of this SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Delay {
     /// It was measured.
     Known {
         /// The delay, 0 or more.
         delay: Picos,
-        /// Standard deviation of what is left of quantization and noise in the mean (1 sigma).
+        /// Standard deviation (1 sigma) of the quantization and noise that remain in the mean.
         standard_error: Picos,
-        /// What no averaging takes away, as a bound: stays that are not known well, and speeds of clocks.
+        /// A bound of the errors that averaging does not reduce: stays not known well, and speeds
+        /// of clocks.
         systematic: Picos,
     },
-    /// The receive times do not tell.
+    /// The receive times do not determine it.
     Indeterminate {
-        /// Why not.
+        /// The reason.
         why: Why,
-        /// The least and the largest value that the times allow, if they say anything.
+        /// The least and the largest value that the times allow, if they limit it.
         between: Option<(Picos, Picos)>,
     },
 }
 
-/// Why a delay can't be known. SubDevices are named by their index among the nodes.
+/// Why a delay cannot be known. SubDevices are named by their index among the nodes.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Why {
-    /// It has no receive times (no register 0x0900).
+    /// The SubDevice has no receive times (no register 0x0900).
     NoReceiveTimes,
-    /// A SubDevice without usable receive times branches between it and the next clock above: how the
-    /// round trip divides among the branches nobody knows.
+    /// A SubDevice without usable receive times branches between this SubDevice and the next clock
+    /// above it, so it is not known how the round trip divides among the branches.
     BranchWithoutTimes {
         /// The SubDevice that branches.
         at: usize,
     },
-    /// Its own receive times contradict each other: a port that is open was reached before the one visited
-    /// before it, or never.
+    /// Its own receive times contradict each other: an open port has an earlier time than the port
+    /// visited before it, or none.
     TimesContradict,
-    /// The frame was away into its branch for less time than it says it kept it.
+    /// The parent measured a round trip into the branch that is shorter than the SubDevice's own
+    /// loop.
     ShorterThanLoop {
         /// The SubDevice above, which measured the branch.
         above: usize,
-        /// By how much, noise taken off.
+        /// The difference, less the noise.
         by: Nanos,
     },
-    /// The delay of the SubDevice above it can't be known.
+    /// The delay of the SubDevice above it cannot be known.
     Above {
-        /// That one.
+        /// The SubDevice above.
         at: usize,
     },
     /// No SubDevice with receive times stands above both it and the reference clock.
     NothingInCommon,
-    /// The reference clock gave no usable receive times.
+    /// The reference clock has no usable receive times.
     NoReference,
     /// No latch came back.
     NoLatch,
 }
 
 impl Delay {
-    /// What 0x0928 takes, in whole ns; `None` if it was not measured.
+    /// The delay for register 0x0928, in whole ns; `None` if it was not measured.
     pub fn nanos(&self) -> Option<Nanos> {
         match self {
             Self::Known { delay, .. } => Some(rounded(*delay)),
@@ -167,8 +176,8 @@ impl Delay {
         }
     }
 
-    /// Half the width of the interval that holds the true delay with a confidence of 95 %: 1.96 standard
-    /// errors, and the systematic part in full.
+    /// Half the width of the interval that holds the true delay with a confidence of 95 %: 1.96
+    /// standard errors plus the whole systematic part.
     pub fn bar(&self) -> Option<Picos> {
         match self {
             Self::Known { standard_error, systematic, .. } => {
@@ -178,8 +187,8 @@ impl Delay {
         }
     }
 
-    /// What to go on with: the delay, or the middle of what the times allow, which is wrong by half the
-    /// width at most, or 0 ns where they allow anything.
+    /// A value to use: the delay, or the middle of the range that the times allow, or 0 ns without
+    /// such a range. The middle is wrong by at most half the width of the range.
     pub fn or_middle(&self) -> Nanos {
         match self {
             Self::Known { delay, .. } => rounded(*delay),
@@ -191,7 +200,7 @@ impl Delay {
     }
 }
 
-/// To the nearest ns.
+/// Rounds to the nearest ns.
 fn rounded(span: Picos) -> Nanos {
     Nanos((span.0 + 500).div_euclid(1_000))
 }
@@ -247,8 +256,8 @@ impl Node {
         self.visited().take_while(|other| *other != port).last().unwrap_or(self.entry)
     }
 
-    /// The arrival from which a frame goes on through the processing unit, which stands behind port 0: at port 0,
-    /// or at the open port next to it on the way round.
+    /// The arrival port from which a frame goes on through the processing unit, which is behind
+    /// port 0: port 0, or else the next open port after it in processing order.
     fn unit(&self) -> PortNumber {
         use PortNumber::{P0, P1, P2, P3};
         let open = |port: &PortNumber| self.open[port.index()] || *port == self.entry;
@@ -260,7 +269,7 @@ impl Node {
         port == self.unit()
     }
 
-    /// ns between two receive times; they wrap, and no frame is away for 2^31 ns.
+    /// ns between two receive times. They wrap; no frame is away for 2^31 ns.
     fn between(&self, from: PortNumber, to: PortNumber) -> i64 {
         let times = self.receive_times.unwrap_or_default();
         i64::from(times[to.index()].wrapping_sub(times[from.index()]) as i32)
@@ -283,8 +292,8 @@ impl Stay {
         if processed { self.processing } else { self.forwarding }
     }
 
-    /// What the one adds less what the other adds, and how far off that may be. The flags say whether they are
-    /// passed through the processing unit.
+    /// The stay of one ESC less that of the other, and the bound of its error. The flags tell
+    /// whether each is passed through the processing unit.
     fn difference(out: (&Self, bool), back: (&Self, bool)) -> (Picos, Picos) {
         let difference = out.0.of(out.1) - back.0.of(back.1);
         let bound = if out.0.kind != back.0.kind {

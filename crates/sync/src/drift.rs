@@ -1,57 +1,57 @@
-//! Has a clock converged to the reference? Judged by measured differences and their slope.
+//! Judges whether a clock has converged to the reference, by measured differences and their slope.
 //!
-//! A fixed number of drift frames says nothing: a clock may still slide when the frames are through.
-//! Here a clock counts as converged when, over a window of readings of register 0x092C, it neither
-//! differs nor moves by more than the limits.
+//! A fixed number of drift frames proves nothing: a clock may still drift after the last one. Here
+//! a clock counts as converged when neither the difference nor its slope exceeds the limits over a
+//! window of readings of register 0x092C.
 
 use isocat_wire::time::{Host, Nanos, Time};
 
-/// Readings that the judgement looks at.
+/// Number of readings that the judgement uses.
 const WINDOW: usize = 16;
 
-/// When a clock counts as converged.
+/// The limits for a converged clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Limits {
     /// Largest difference from the reference in the window, ns.
     pub difference: Nanos,
-    /// Largest mean of the differences in the window, ns: what a loop still has to bring back.
-    /// Single differences have the grain of both clocks and the jitter of the way in them.
+    /// Largest mean of the differences in the window, ns: the rest that the loop still has to
+    /// correct. Single differences also contain the grain of both clocks and the jitter of the way.
     pub mean: Nanos,
     /// Largest slope of the differences, ns per second (ppb).
     pub slope_ppb: i64,
-    /// Standard deviation of one reading (1 sigma), ns: what frames jitter on their way. Four of
-    /// them are allowed beyond either limit.
+    /// Standard deviation of one reading (1 sigma), ns, from the jitter of frames on their way.
+    /// Four of it are allowed beyond either limit.
     pub noise: Nanos,
 }
 
 impl Limits {
-    /// The usual ones, with another limit of the difference and a fifth of it for the mean.
+    /// The default limits, with another limit of the difference and a fifth of it for the mean.
     pub fn of_difference(difference: Nanos) -> Self {
         Self { difference, mean: Nanos((difference.0 / 5).max(1)), ..Self::default() }
     }
 }
 
 impl Default for Limits {
-    /// 40 ns: twice the tick of both clocks, and as a mean as well. 1000 ppb: a clock that slides
+    /// 40 ns: twice the tick of both clocks, also for the mean. 1000 ppb: a clock that drifts
     /// faster would leave those 40 ns within 40 cycles of 1 ms if the drift frames stopped.
     fn default() -> Self {
         Self { difference: Nanos(40), mean: Nanos(40), slope_ppb: 1_000, noise: Nanos::ZERO }
     }
 }
 
-/// What the readings of one clock say.
+/// The judgement on the readings of one clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Verdict {
     /// Too few readings for a judgement.
     TooEarly,
-    /// Out of the limits.
+    /// At least one limit is exceeded.
     Converging {
         /// Largest difference in the window.
         worst: Nanos,
         /// Slope over the window, ns per second.
         slope_ppb: i64,
     },
-    /// Within the limits over the whole window.
+    /// Both limits hold over the whole window.
     Converged {
         /// Largest difference in the window.
         worst: Nanos,
@@ -69,12 +69,12 @@ pub struct Convergence {
 }
 
 impl Convergence {
-    /// No reading yet.
+    /// No readings yet.
     pub fn new(limits: Limits) -> Self {
         Self { limits, readings: [(Time::ZERO, Nanos::ZERO); WINDOW], count: 0 }
     }
 
-    /// Takes one reading of the system time difference.
+    /// Adds one reading of the system time difference.
     pub fn sample(&mut self, at: Time<Host>, difference: Nanos) {
         self.readings[self.count % WINDOW] = (at, difference);
         self.count += 1;
@@ -90,7 +90,7 @@ impl Convergence {
         let Limits { difference, mean, slope_ppb: slope, noise } = self.limits;
         let difference = difference + self.limits.noise_allowed();
         let slope = slope + self.slope_noise_ppb();
-        // Four errors of a mean of sixteen.
+        // Four times the error of a mean of sixteen readings.
         let off = self.mean().abs() <= mean + noise;
         if worst <= difference && off && slope_ppb.abs() <= slope {
             Verdict::Converged { worst, slope_ppb }
@@ -99,22 +99,22 @@ impl Convergence {
         }
     }
 
-    /// Mean of the differences in the window, away from zero.
+    /// Mean of the differences in the window, rounded away from zero.
     fn mean(&self) -> Nanos {
         let sum: i64 = self.readings.iter().map(|(_, difference)| difference.0).sum();
         let count = WINDOW as i64;
         Nanos((sum.abs() + count - 1) / count)
     }
 
-    /// How much of a slope the noise of readings may make, ns per second; 0 while there are too
-    /// few.
+    /// The slope that noise of the readings may cause, ns per second; 0 while there are too few
+    /// readings.
     pub fn slope_noise_ppb(&self) -> i64 {
         let noise = i128::from(self.limits.noise_allowed().0);
         let (denominator, _) = self.line();
         if self.count < WINDOW || denominator == 0 || noise == 0 {
             return 0;
         }
-        // The error of a slope is sigma x sqrt(n / denominator), here in 10^-12 a ns.
+        // The error of a slope is sigma x sqrt(n / denominator), here in units of 10^-12 per ns.
         let scaled = WINDOW as i128 * 1_000_000_000_000_000_000_000_000 / denominator;
         (noise * scaled.unsigned_abs().isqrt() as i128 / 1_000) as i64
     }
@@ -156,7 +156,7 @@ impl Limits {
 mod tests {
     use super::*;
 
-    /// Readings every millisecond along a line.
+    /// Readings every millisecond that lie on a line.
     fn line(start: i64, per_ms: i64) -> Convergence {
         let mut convergence = Convergence::new(Limits::default());
         for i in 0..WINDOW as i64 {
@@ -172,7 +172,7 @@ mod tests {
         assert_eq!(line(-41, 0).verdict(), Verdict::Converging { worst: Nanos(41), slope_ppb: 0 });
     }
 
-    /// Within the limit of a single difference, but off in the mean.
+    /// Each difference is within its limit, but the mean is not.
     #[test]
     fn both_sides_of_the_mean() {
         let limits = Limits::of_difference(Nanos(100));
@@ -195,8 +195,8 @@ mod tests {
         assert_eq!(line(16, -2).verdict(), sliding);
     }
 
-    /// 25 ns of noise: 100 ns more, and of the slope four errors of 25 ns x sqrt(12 / 16³) a ms:
-    /// 5400 ns/s.
+    /// With 25 ns of noise the difference may be 100 ns more. The slope may be off by four errors
+    /// of 25 ns x sqrt(12 / 16³) per ms, which is 5400 ns/s.
     #[test]
     fn noise_widens_both_limits() {
         let limits = Limits { noise: Nanos(25), mean: Nanos(200), ..Limits::default() };

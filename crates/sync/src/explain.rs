@@ -1,8 +1,9 @@
-//! What codes, objects, registers, modes and symptoms mean to somebody who looks for a fault: in plain words, with the
-//! usual causes in order of likelihood, what to read next and what to change.
+//! The meaning of codes, objects, registers, modes and symptoms for an engineer who looks for a
+//! fault: in plain words, with the usual causes in order of likelihood, what to read next and what
+//! to change.
 //!
-//! Constant tables, one file for each kind; [`al_codes`], [`aborts`] and [`soe_codes`] have an entry for every code that the
-//! project's own SubDevice or MainDevice can emit.
+//! These are constant tables, one file for each kind. [`al_codes`], [`aborts`] and [`soe_codes`]
+//! have an entry for every code that the project's own SubDevice or MainDevice can send.
 
 pub mod aborts;
 pub mod al_codes;
@@ -13,12 +14,13 @@ pub mod registers;
 pub mod soe_codes;
 pub mod symptoms;
 
-/// What is known of one thing. Lists are in the order in which they are worth trying.
+/// The explanation of one code, object, register, mode or symptom. Each list begins with the item
+/// that is most worth trying.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Entry {
     /// What it means, in sentences.
     pub means: &'static str,
-    /// The usual causes, likeliest first; empty where nothing is wrong.
+    /// The usual causes, likeliest first; empty if there is no fault.
     pub causes: &'static [&'static str],
     /// What to read next.
     pub read: &'static [&'static str],

@@ -1,22 +1,24 @@
 //! EtherCAT synchronization: the objects, the modes, the arithmetic. The centre of the project.
 //!
 //! A SubDevice describes its synchronization in two objects, 0x1C32 for outputs and 0x1C33 for
-//! inputs; [`object`] holds them as typed values. [`mode`] says which event starts which step in each
-//! synchronization mode, and [`table`] which sub-indices a mode needs and who may write them. From the
-//! times in the objects and the arrival of the frames [`budget`] makes the plan of one cycle: where SYNC0
-//! must lie, with how much slack, or which line does not fit.
+//! inputs; [`object`] holds them as typed values. [`mode`] says which event starts which step in
+//! each synchronization mode, and [`table`] which sub-indices a mode needs and who may write them.
+//! From the times in the objects and the arrival of the frames [`budget`] makes the plan of one
+//! cycle: where SYNC0 must lie, with how much slack, or which line does not fit.
 //!
-//! A device's maker states its wish in the ESI: [`opmode`] turns it, for a bus cycle, into the registers of
-//! the SYNC unit and names every doubt; [`start`] finds the instant at which all units begin in phase.
+//! The maker of a device states its settings in the ESI: [`opmode`] turns them, for a bus cycle,
+//! into the registers of the SYNC unit and names every doubt. [`start`] finds the instant at which
+//! all units begin in phase.
 //!
-//! [`explain`] says in plain words what codes, objects and registers mean and what to do about them.
+//! [`explain`] says in plain words what codes, objects and registers mean and what to do about
+//! them.
 //!
-//! The MainDevice's clocks: [`delay`] turns port receive times into propagation delays and says how well they are
-//! known, [`way`] does so for cables and chips, [`drift`]
-//! judges from measured differences whether clocks have converged, [`phase`] is the servo that lets
-//! the host follow the reference clock.
+//! For the MainDevice's clocks, [`delay`] turns port receive times into propagation delays and
+//! states their errors, and [`way`] computes delays from cables and chips. [`drift`] judges by
+//! measured differences whether clocks have converged. [`phase`] is the servo by which the host
+//! follows the reference clock.
 //!
-//! No sockets, files, ESC model or simulator here: values in, values out.
+//! There are no sockets, files, ESC model or simulator here: values go in, values come out.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -4,7 +4,7 @@ use core::fmt;
 
 use crate::object::{SupportedTypes, SyncType};
 
-/// What a SubDevice can be woken by.
+/// An event that can start a step of a SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Event {
     /// The MainDevice wrote the outputs: last byte of SM2 stored.
@@ -19,7 +19,7 @@ pub enum Event {
     Timer,
 }
 
-/// A piece of a SubDevice's cycle.
+/// A step of a SubDevice's cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Step {
     /// Fetch the outputs from the SM2 buffer and calculate; takes the calc and copy time.
@@ -28,7 +28,7 @@ pub enum Step {
     Application,
     /// The outputs act on the process.
     OutputsValid,
-    /// The inputs are taken from the process.
+    /// The inputs are latched from the process.
     LatchInputs,
     /// Put the inputs into the SM3 buffer; takes the calc and copy time of 0x1C33.
     MapInputs,
@@ -45,21 +45,22 @@ impl Step {
     ];
 }
 
-/// How a SubDevice is synchronized.
+/// The synchronization mode of a SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub enum SyncMode {
-    /// By its own timer only.
+    /// Its own timer only.
     #[default]
     FreeRun,
-    /// By the arrival of frames: SM2, or SM3 if there are no outputs.
+    /// The arrival of frames: SM2, or SM3 if there are no outputs.
     SmSynchronous,
-    /// SM2 starts, SYNC0 acts.
+    /// SM2 starts the calculation, SYNC0 lets outputs act.
     DcSync0,
-    /// SM2 starts, SYNC0 lets outputs act; SYNC1, a part of the cycle later, takes the inputs.
+    /// SM2 starts the calculation, SYNC0 lets outputs act; SYNC1, a part of the cycle later,
+    /// latches the inputs.
     DcShiftSync1,
-    /// SYNC0 starts, SYNC1 acts.
+    /// SYNC0 starts the calculation, SYNC1 lets outputs act.
     DcSync1,
-    /// SYNC0 runs a cycle of its own several times in a bus cycle, which SYNC1 marks.
+    /// SYNC0 runs a shorter cycle several times in a bus cycle, and SYNC1 marks the bus cycle.
     DcSubordinated,
 }
 
@@ -74,8 +75,8 @@ impl SyncMode {
         Self::DcSubordinated,
     ];
 
-    /// The modes in the order in which one is chosen where nobody asks for another: SYNC1 is for devices
-    /// that are asked to, or have nothing else.
+    /// The order in which a mode is chosen if none is asked for. SYNC1 is for devices that are
+    /// configured for it or have no other mode.
     pub const PREFERRED: [SyncMode; 5] =
         [Self::DcSync0, Self::DcSync1, Self::DcSubordinated, Self::SmSynchronous, Self::FreeRun];
 
@@ -106,7 +107,8 @@ impl SyncMode {
         }
     }
 
-    /// Value of 0x1C33:01 in this mode. SM-synchronous inputs follow SM2 when outputs are transmitted.
+    /// Value of 0x1C33:01 in this mode. SM-synchronous inputs follow SM2 when outputs are
+    /// transmitted.
     pub const fn input_type(self, has_outputs: bool) -> SyncType {
         match self {
             Self::FreeRun => SyncType::FREE_RUN,
@@ -117,7 +119,7 @@ impl SyncMode {
         }
     }
 
-    /// Whether SI4 of a SubDevice announces this mode.
+    /// Whether sub-index 04 of a SubDevice announces this mode.
     pub const fn is_supported(self, types: SupportedTypes) -> bool {
         match self {
             Self::FreeRun => types.free_run(),
@@ -129,9 +131,10 @@ impl SyncMode {
         }
     }
 
-    /// The mode that 0x1C32:01 and 0x1C33:01 name together; `None` if they can't be combined or the
-    /// mode is unknown. Of a direction without process data only the other's type counts. Twice SYNC1 is
-    /// `subordinated` if SYNC1 comes a SYNC0 cycle or more after SYNC0: only the registers tell.
+    /// The mode that 0x1C32:01 and 0x1C33:01 name together; `None` if they cannot be combined or
+    /// the mode is unknown. A direction without process data does not count. SYNC1 in both is
+    /// `subordinated` if SYNC1 comes a SYNC0 cycle or more after SYNC0, which only the registers
+    /// tell.
     pub fn from_types(
         output: SyncType,
         input: SyncType,
@@ -160,28 +163,28 @@ impl SyncMode {
     }
 }
 
-/// What each event starts in a device: its mode, and how its program is bound to the events.
+/// The steps that each event starts in a device: its mode, and how its program uses the events.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Chain {
     /// The mode.
     pub mode: SyncMode,
     /// Outputs are transmitted.
     pub has_outputs: bool,
-    /// The program takes no interrupt from SM2: at SYNC0 it looks whether outputs have come.
+    /// The program has no interrupt from SM2: at SYNC0 it checks whether outputs have arrived.
     pub polls_outputs: bool,
-    /// Outputs act at SYNC1 where inputs are taken at SYNC1: 0x1C32:04 says "shift by SYNC1".
+    /// Outputs act at SYNC1 if inputs are latched at SYNC1: 0x1C32:04 says "shift by SYNC1".
     pub outputs_on_sync1: bool,
-    /// With subordinated cycles: the application runs once, at SYNC1, and not at each SYNC0.
+    /// With subordinated cycles the application runs once, at SYNC1, and not at each SYNC0.
     pub application_on_sync1: bool,
 }
 
 impl Chain {
-    /// The steps that an event starts, in the order in which the CPU takes them up; empty if the
-    /// event starts nothing. Without outputs the read of the inputs (SM3) stands for SM2, and the
-    /// steps for outputs fall away.
+    /// The steps that an event starts, in the order in which the CPU executes them; empty if the
+    /// event starts nothing. Without outputs the read of the inputs (SM3) takes the place of SM2,
+    /// and there are no steps for outputs.
     ///
-    /// Where an event takes the inputs, the latch comes first: it is due at the pulse itself, the
-    /// application's work is not.
+    /// If an event latches the inputs, the latch comes first: it is due at the pulse itself, while
+    /// the application may run later.
     pub const fn steps(self, event: Event) -> &'static [Step] {
         use Step::{Application, LatchInputs, MapInputs, MapOutputs, OutputsValid};
         use SyncMode as Mode;
@@ -236,7 +239,8 @@ impl Chain {
         }
     }
 
-    /// What the last SYNC0 before SYNC1 starts besides: with subordinated cycles it takes the inputs.
+    /// The steps that the last SYNC0 before SYNC1 starts in addition: with subordinated cycles it
+    /// latches the inputs.
     pub const fn steps_of_last_sync0(self) -> &'static [Step] {
         match self.mode {
             SyncMode::DcSubordinated => &[Step::LatchInputs, Step::MapInputs],
@@ -244,7 +248,7 @@ impl Chain {
         }
     }
 
-    /// Whether outputs are looked for at this event instead of being announced by SM2.
+    /// Whether the device checks for outputs at this event instead of getting them by SM2.
     pub const fn looks_for_outputs(self, event: Event) -> bool {
         match event {
             Event::Timer => matches!(self.mode, SyncMode::FreeRun),
@@ -277,7 +281,7 @@ mod tests {
         assert_eq!(supported(0x0427), [true, true, true, false, false, false]);
         assert_eq!(supported(0x080F), [true, true, true, true, true, false]);
         assert_eq!(supported(0x001F), [true; 6]);
-        // Subordinated cycles without SYNC1 can't be.
+        // Subordinated cycles are not possible without SYNC1.
         assert!(!SyncMode::DcSubordinated.is_supported(SupportedTypes(0x0017)));
     }
 
@@ -320,7 +324,7 @@ mod tests {
         chains
     }
 
-    /// Whatever the device's habits, a bus cycle starts each of its steps by one event.
+    /// Whatever its settings, a device starts each step by exactly one event of a bus cycle.
     #[test]
     fn each_step_starts_once_in_each_chain() {
         for chain in all_chains() {

@@ -1,4 +1,4 @@
-//! The moments of a cycle: what happens at a SubDevice from one exchange of process data to the next.
+//! The moments of a cycle: the events at a SubDevice from one exchange of process data to the next.
 
 use core::fmt;
 
@@ -9,7 +9,8 @@ pub enum Moment {
     Frame,
     /// Outputs are stored: the SM2 event.
     Sm2,
-    /// Inputs are fetched: the SM3 event. The plan names the begin of the frame that fetches them, a run sees its end.
+    /// Inputs are fetched: the SM3 event. In a plan this is the start of the frame that fetches
+    /// them, in a run its end.
     Sm3,
     /// A SYNC0 edge.
     Sync0,
@@ -25,16 +26,16 @@ pub enum Moment {
     ApplicationEnds,
     /// Outputs act on the process.
     OutputsValid,
-    /// Inputs are taken from the process.
+    /// Inputs are latched from the process.
     InputLatch,
     /// The mapping of inputs begins.
     InputsBegin,
-    /// Inputs stand in the SM3 buffer.
+    /// Inputs are in the SM3 buffer.
     InputsAvailable,
 }
 
 impl Moment {
-    /// All of them.
+    /// All moments.
     pub const ALL: [Self; 13] = [
         Self::Frame,
         Self::Sm2,
@@ -51,7 +52,7 @@ impl Moment {
         Self::InputsAvailable,
     ];
 
-    /// Those that a plan has, in the order of the cycle.
+    /// The moments of a plan, in the order of the cycle.
     pub const PLANNED: [Self; 8] = [
         Self::Sm2,
         Self::OutputsReady,
@@ -63,7 +64,7 @@ impl Moment {
         Self::Sm3,
     ];
 
-    /// Name in plans and status.
+    /// The name in plans and status.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Frame => "frame sent",
@@ -82,12 +83,13 @@ impl Moment {
         }
     }
 
-    /// The moment of this name.
+    /// The moment with this name.
     pub fn of_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|moment| moment.name() == name)
     }
 
-    /// As a line of a timeline; what a SubDevice does is indented behind the events that it does it for.
+    /// The text in a timeline. Actions of a SubDevice are indented below the events that start
+    /// them.
     pub const fn words(self) -> &'static str {
         match self {
             Self::Frame => "frame leaves the MainDevice",
@@ -106,7 +108,7 @@ impl Moment {
         }
     }
 
-    /// With subordinated cycles it happens at each SYNC0.
+    /// Whether it happens at each SYNC0 with subordinated cycles.
     pub const fn is_of_each_pulse(self) -> bool {
         matches!(
             self,

@@ -4,7 +4,7 @@ use core::fmt;
 
 use isocat_wire::time::Nanos;
 
-/// Object 0x1C00: what each SyncManager is for.
+/// Object 0x1C00: the use of each SyncManager.
 pub const SM_COMMUNICATION_TYPE: u16 = 0x1C00;
 /// Object 0x1C12: PDOs assigned to SM2.
 pub const OUTPUT_ASSIGNMENT: u16 = 0x1C12;
@@ -85,7 +85,7 @@ pub const fn name(sub: u8) -> Option<&'static str> {
     })
 }
 
-/// Sub-index 01. The code space is open: unknown types survive.
+/// Sub-index 01. The code space is open, so unknown types are kept.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct SyncType(pub u16);
 
@@ -115,7 +115,7 @@ impl fmt::Display for SyncType {
     }
 }
 
-/// Sub-index 04: what a SubDevice can do. Bits 4:2 work as independent flags.
+/// Sub-index 04: the abilities of a SubDevice. Bits 4:2 are independent flags.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct SupportedTypes(pub u16);
 
@@ -169,7 +169,7 @@ impl SupportedTypes {
     pub const fn delay_should_be_measured(self) -> bool {
         self.0 & 1 << 10 != 0
     }
-    /// Bit 11: delay times are fixed, the hardware synchronizes.
+    /// Bit 11: delay times are fixed, because the hardware synchronizes.
     pub const fn delay_fixed(self) -> bool {
         self.0 & 1 << 11 != 0
     }
@@ -204,22 +204,22 @@ impl fmt::Display for SupportedTypes {
     }
 }
 
-/// Values of one sync object, 0x1C32 or 0x1C33, as read from a SubDevice. `None`: the sub-index does
-/// not exist.
+/// The values of one sync object, 0x1C32 or 0x1C33, as read from a SubDevice. `None` if the
+/// sub-index does not exist.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct SyncParameters {
     /// 01.
     pub sync_type: Option<SyncType>,
     /// 02.
     pub cycle_time: Option<Nanos>,
-    /// 03: from the related event to Outputs Valid (0x1C32) or Input Latch (0x1C33).
+    /// 03: time from the related event to Outputs Valid (0x1C32) or Input Latch (0x1C33).
     pub shift_time: Option<Nanos>,
     /// 04.
     pub supported: Option<SupportedTypes>,
-    /// 05: the shortest cycle the SubDevice can do.
+    /// 05: the shortest cycle that the SubDevice supports.
     pub minimum_cycle_time: Option<Nanos>,
-    /// 06: least distance from the starting to the acting event (0x1C32), or from Input Latch until
-    /// the inputs stand in the SM3 buffer (0x1C33).
+    /// 06: least time from the starting to the acting event (0x1C32), or from Input Latch until the
+    /// inputs are in the SM3 buffer (0x1C33).
     pub calc_and_copy_time: Option<Nanos>,
     /// 07.
     pub minimum_delay_time: Option<Nanos>,
@@ -240,7 +240,7 @@ pub struct SyncParameters {
 }
 
 impl SyncParameters {
-    /// Takes the value read from one sub-index. Sub-indices without a field here are ignored.
+    /// Stores the value read from one sub-index. Sub-indices without a field here are ignored.
     pub fn set(&mut self, sub: u8, value: u32) {
         let time = Some(Nanos::from_u32(value));
         let count = Some(value as u16);

@@ -1,12 +1,13 @@
 //! From an OpMode of a device description (ESI, `Dc/OpMode`) to the registers of the SYNC unit.
 //!
-//! An [`OpMode`] speaks in the file's terms: fixed times, or factors of a bus cycle that the maker does not
-//! know. [`OpMode::registers`] resolves it for one bus cycle and names every [`Warning`]: published files are
-//! full of values that contradict each other, and each such case has one defined answer here. What can't be
-//! written to a register is a [`Problem`].
+//! An [`OpMode`] has the terms of the file: fixed times, or factors of a bus cycle that the maker
+//! does not know. [`OpMode::registers`] resolves it for one bus cycle and names every [`Warning`]:
+//! many published files contain values that contradict each other, and each such case has one
+//! defined answer here. A value that cannot be written to a register is a [`Problem`].
 //!
-//! The rule that ties 0x09A0 and 0x09A4 together is the ESC's: SYNC1 comes R1 after a SYNC0, the next one R1
-//! after the first SYNC0 that follows. So SYNC1 repeats after N = floor(R1 / R0) + 1 cycles of SYNC0.
+//! The ESC defines the relation between 0x09A0 (R0) and 0x09A4 (R1): SYNC1 comes R1 after a SYNC0,
+//! and the next SYNC1 comes R1 after the first SYNC0 that follows. So SYNC1 repeats after N =
+//! floor(R1 / R0) + 1 cycles of SYNC0.
 
 mod warning;
 
@@ -20,10 +21,10 @@ pub use warning::{Warning, Warnings};
 use crate::mode::SyncMode;
 use crate::pulses::Pulses;
 
-/// One OpMode as the device description has it.
+/// One OpMode of a device description.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct OpMode {
-    /// AssignActivate: what goes to 0x0980 and 0x0981.
+    /// AssignActivate: the value for 0x0980 and 0x0981.
     pub assign_activate: AssignActivate,
     /// CycleTimeSync0.
     pub sync0: CycleTime,
@@ -38,7 +39,7 @@ pub struct OpMode {
 /// A cycle time of an OpMode: fixed, or a factor. A missing element is the default.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct CycleTime {
-    /// The element's text, ns; 0 if the factor counts.
+    /// The element's text, ns; 0 if the factor is used.
     pub value: i64,
     /// The attribute Factor; `None` if it is missing.
     pub factor: Option<i32>,
@@ -49,17 +50,17 @@ pub struct CycleTime {
 pub struct ShiftTime {
     /// The element's text, ns; may be negative.
     pub value: i64,
-    /// The attribute Factor: so many SYNC0 cycles, or a part of one, come on top.
+    /// The attribute Factor: this many SYNC0 cycles, or a part of one, are added.
     pub factor: Option<i32>,
-    /// The attribute Input: the shift counts from the point by which inputs must be taken, and not
-    /// from the one at which outputs have come.
+    /// The attribute Input: the shift counts from the point at which inputs must be latched, and
+    /// not from the point at which outputs have arrived.
     pub input: bool,
 }
 
-/// What is known of the device's SYNC unit besides the OpMode.
+/// What is known of the device's SYNC unit in addition to the OpMode.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Unit {
-    /// The shortest SYNC0 cycle it can do.
+    /// The shortest SYNC0 cycle that it supports.
     pub least_sync0: Nanos,
     /// Dc@TimeLoopControlOnly: it has a system time and no SYNC unit.
     pub clock_only: bool,
@@ -71,10 +72,10 @@ impl Default for Unit {
     }
 }
 
-/// What an OpMode is in registers, for one bus cycle.
+/// The register values of an OpMode for one bus cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Registers {
-    /// 0x0980 and 0x0981; off if nothing is to be activated.
+    /// 0x0980 and 0x0981; zero if nothing is to be activated.
     pub assign_activate: AssignActivate,
     /// R0, register 0x09A0, ns; 0 without pulses.
     pub sync0_cycle: u32,
@@ -82,30 +83,30 @@ pub struct Registers {
     pub sync1: u32,
     /// N: cycles of SYNC0 from one SYNC1 to the next; 1 without SYNC1, 0 without pulses.
     pub count: u32,
-    /// s0: how far SYNC0 lies behind the reference point, as the file has it; may be negative or
-    /// longer than the period.
+    /// s0: the distance of SYNC0 behind the reference point, as the file states it. It may be
+    /// negative or longer than the period.
     pub shift: Nanos,
     /// The reference point is that of the inputs.
     pub input_based: bool,
-    /// The bus cycle that this is for.
+    /// The bus cycle of these values.
     pub bus: Nanos,
-    /// Every doubt, in the order in which it came up.
+    /// Every doubt, in the order in which it was found.
     pub warnings: Warnings,
 }
 
-/// Why an OpMode can't be put into registers.
+/// Why an OpMode cannot be put into registers.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Problem {
-    /// The bus cycle is 0 or negative, or has no place in a register of 32 bits.
+    /// The bus cycle is 0 or negative, or does not fit into a register of 32 bits.
     BusCycle(Nanos),
-    /// A value has no place in its register of 32 bits.
+    /// A value does not fit into its register of 32 bits.
     Register {
         /// The register's address.
         register: u16,
-        /// The value, or as much of it as an i64 holds.
+        /// The value, limited to the range of an i64.
         value: i64,
     },
-    /// The shift has no place in an i64.
+    /// The shift does not fit into an i64.
     Shift,
 }
 
@@ -160,7 +161,7 @@ impl OpMode {
         Ok(registers.with_doubts(self))
     }
 
-    /// Why there are no pulses, if there are none.
+    /// The reason why there are no pulses, if there are none.
     fn why_no_pulses(&self, unit: &Unit) -> Option<Warning> {
         let word = self.assign_activate;
         let asked = word.activation().sync0() || word.activation().sync1();
@@ -177,7 +178,7 @@ impl OpMode {
         }
     }
 
-    /// R0.
+    /// Computes R0.
     fn sync0_cycle(
         &self,
         bus: Nanos,
@@ -213,7 +214,7 @@ impl OpMode {
         Ok(cycle)
     }
 
-    /// R1.
+    /// Computes R1.
     fn sync1(&self, bus: Nanos, sync0: u32, warnings: &mut Warnings) -> Result<u32, Problem> {
         let CycleTime { value, factor } = self.sync1;
         if !self.assign_activate.makes_sync1() {
@@ -254,7 +255,7 @@ impl OpMode {
         };
         let distance = period - sync0 + shift;
         let register = if distance < 0 {
-            // As late in a SYNC0 cycle as it would have been early.
+            // SYNC1 then comes later in a SYNC0 cycle by as much as it would have been too early.
             warnings.push(Warning::Sync1BeforeSync0 { by: nanos(-distance) });
             distance.rem_euclid(sync0)
         } else {
@@ -267,7 +268,7 @@ impl OpMode {
         u32::try_from(register).map_err(|_| too_long(register))
     }
 
-    /// s0.
+    /// Computes s0.
     fn shift(&self, sync0: u32) -> Result<Nanos, Problem> {
         let ShiftTime { value, factor, .. } = self.shift0;
         let sync0 = i64::from(sync0);
@@ -282,17 +283,18 @@ impl OpMode {
 }
 
 impl Registers {
-    /// P1: after this time its pulses repeat; 0 without pulses. What a grid for start times must hold.
+    /// P1: the time after which the pulses repeat; 0 without pulses. A grid for start times must
+    /// contain it.
     pub const fn period(&self) -> Nanos {
         Nanos(self.sync0_cycle as i64 * self.count as i64)
     }
 
-    /// SYNC1 is made.
+    /// Whether SYNC1 is generated.
     pub(crate) const fn has_sync1(&self) -> bool {
         self.count > 0 && self.assign_activate.makes_sync1()
     }
 
-    /// From the last SYNC0 at or before SYNC1 to SYNC1.
+    /// Time from the last SYNC0 at or before SYNC1 to SYNC1.
     pub fn behind_sync0(&self) -> Nanos {
         Nanos(self.sync1.checked_rem(self.sync0_cycle).unwrap_or(0).into())
     }
@@ -302,9 +304,9 @@ impl Registers {
         Nanos(self.shift.0.checked_rem_euclid(self.period().0).unwrap_or(0))
     }
 
-    /// The synchronization modes that a device with these registers may run in, the likeliest first. The
-    /// OpMode itself does not say: 0x1C32:01 and 0x1C33:01 decide, and a stack that takes them from the
-    /// registers takes the first.
+    /// The synchronization modes in which a device with these registers may run, the likeliest
+    /// first. The OpMode itself does not tell: 0x1C32:01 and 0x1C33:01 decide. A stack that derives
+    /// them from the registers uses the first.
     pub const fn modes(&self) -> &'static [SyncMode] {
         if self.count == 0 {
             return &[SyncMode::SmSynchronous, SyncMode::FreeRun];
@@ -312,7 +314,7 @@ impl Registers {
         match (self.assign_activate.makes_sync0(), self.assign_activate.makes_sync1()) {
             (true, false) => &[SyncMode::DcSync0],
             (true, true) if self.sync1 >= self.sync0_cycle => &[SyncMode::DcSubordinated],
-            // Both pulses at once: SYNC1 adds nothing.
+            // Both pulses come at once, so SYNC1 adds nothing.
             (true, true) if self.sync1 == 0 => &[SyncMode::DcSync0, SyncMode::DcSync1],
             (true, true) => &[SyncMode::DcShiftSync1, SyncMode::DcSync1],
             (false, _) => &[SyncMode::DcSync1],
@@ -329,7 +331,7 @@ impl Registers {
         Pulses { sync0_cycle, sync1, lead }
     }
 
-    /// Doubts that come from how the pulses lie to each other and to the bus cycle.
+    /// Adds the doubts about the positions of the pulses to each other and to the bus cycle.
     fn with_doubts(mut self, of: &OpMode) -> Self {
         let (sync0, bus, period) = (i64::from(self.sync0_cycle), self.bus.0, self.period().0);
         let (cycle, bus_cycle) = (Nanos(sync0), self.bus);
@@ -380,7 +382,7 @@ impl fmt::Display for Problem {
 
 impl core::error::Error for Problem {}
 
-/// A part or a multiple of the bus cycle; a part that is no whole number of ns is rounded down.
+/// A part or a multiple of the bus cycle. A part that is not a whole number of ns is rounded down.
 fn scaled(bus: i128, factor: i32, warnings: &mut Warnings) -> i128 {
     let parts = i128::from(factor.unsigned_abs());
     if factor > 0 {
@@ -392,14 +394,14 @@ fn scaled(bus: i128, factor: i32, warnings: &mut Warnings) -> i128 {
     bus / parts
 }
 
-/// Saturates.
+/// Converts to ns and saturates.
 fn nanos(value: i128) -> Nanos {
     Nanos(value.clamp(i64::MIN.into(), i64::MAX.into()) as i64)
 }
 
-/// Of the makers' published OpModes and manuals, the shortest SYNC0 cycle of any device.
+/// The shortest SYNC0 cycle in the makers' published OpModes and manuals.
 const LEAST_SYNC0: Nanos = Nanos(10_000);
-/// An ESC makes its pulses in steps of 10 ns.
+/// An ESC generates its pulses in steps of 10 ns.
 const TICK: u32 = 10;
 const SYNC0_CYCLE: u16 = isocat_wire::register::SYNC0_CYCLE.address;
 const SYNC1_CYCLE: u16 = isocat_wire::register::SYNC1_CYCLE.address;

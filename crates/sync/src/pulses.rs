@@ -1,11 +1,12 @@
-//! What a SYNC unit is set to in each mode: cycles, and how the pulses lie about the one that acts.
+//! The settings of a SYNC unit in each mode: cycles, and the positions of the pulses about the
+//! acting one.
 
 use isocat_wire::time::Nanos;
 
 use crate::mode::SyncMode;
 
-/// The pulses of one SubDevice in one bus cycle. "The acting pulse" is the one at which its outputs take
-/// effect: all SubDevices of a segment have theirs at one phase.
+/// The pulses of one SubDevice in one bus cycle. The "acting pulse" is the one at which its outputs
+/// take effect; it has the same phase in all SubDevices of a segment.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Pulses {
     /// Register 0x09A0: from SYNC0 to SYNC0.
@@ -16,23 +17,24 @@ pub struct Pulses {
     pub lead: Nanos,
 }
 
-/// How the SYNC signals of a SubDevice fall again: by register 0x0982, which its EEPROM sets.
+/// How the SYNC signals of a SubDevice end: register 0x0982, which its EEPROM sets, decides.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum SyncSignal {
     /// Not known.
     #[default]
     Unknown,
-    /// By themselves, this long after the pulse.
+    /// They end by themselves, this long after the pulse.
     Pulse(Nanos),
-    /// When the device's program has read 0x098E or 0x098F, which it does this long after the pulse: the register is 0
-    /// (acknowledge mode).
+    /// They end when the device's program reads 0x098E or 0x098F, this long after the pulse. The
+    /// register is 0 (acknowledge mode).
     Acknowledged(Nanos),
 }
 
 impl Pulses {
-    /// The pulses of a mode. `bus`: the bus cycle; `distance`: from SYNC0 to SYNC1 where SYNC1 is a part of
-    /// the cycle behind SYNC0, with subordinated cycles from the SYNC0 that it belongs to; `sync0`: the cycle of SYNC0 with subordinated cycles. With
-    /// `outputs_on_sync1` outputs act at SYNC1 also where SYNC0 starts nothing but the calculation.
+    /// The pulses of a mode. `bus` is the bus cycle. `distance` is the time from SYNC0 to SYNC1 if
+    /// SYNC1 is a part of the cycle behind SYNC0; with subordinated cycles it counts from the SYNC0
+    /// that SYNC1 belongs to. `sync0` is the SYNC0 cycle with subordinated cycles. With
+    /// `outputs_on_sync1` outputs act at SYNC1 even if SYNC0 only starts the calculation.
     pub fn new(
         mode: SyncMode,
         bus: Nanos,
@@ -49,21 +51,22 @@ impl Pulses {
             }
             SyncMode::DcSync1 => Self { sync0_cycle: bus, sync1: distance, lead: distance },
             SyncMode::DcSubordinated => {
-                // SYNC1 comes this long after the first SYNC0 behind the last SYNC1: once a bus cycle.
+                // SYNC1 comes this long after the first SYNC0 behind the last SYNC1, so once a bus
+                // cycle.
                 let sync1 = bus - sync0 + distance;
                 Self { sync0_cycle: sync0, sync1, lead: sync1 }
             }
         }
     }
 
-    /// From one acting pulse to the next, where SYNC1 acts; else the cycle of SYNC0. SYNC1 comes with every
-    /// SYNC0 that follows the last one by its distance.
+    /// Time from one acting pulse to the next if SYNC1 acts; otherwise the SYNC0 cycle. SYNC1
+    /// counts from the first SYNC0 after the SYNC1 before.
     pub fn sync1_cycle(&self) -> Nanos {
         let count = self.sync1.0.checked_div(self.sync0_cycle.0).unwrap_or(0) + 1;
         Nanos(self.sync0_cycle.0 * count)
     }
 
-    /// From the last SYNC0 at or before SYNC1 to SYNC1.
+    /// Time from the last SYNC0 at or before SYNC1 to SYNC1.
     pub fn behind_sync0(&self) -> Nanos {
         Nanos(self.sync1.0.checked_rem(self.sync0_cycle.0).unwrap_or(0))
     }
@@ -73,7 +76,8 @@ impl Pulses {
 mod tests {
     use super::*;
 
-    /// Register values of devices in the field: bus cycle, SYNC0 cycle, distance; 0x09A4, cycle of SYNC1.
+    /// Register values of devices in the field: bus cycle, SYNC0 cycle, distance; 0x09A4, cycle of
+    /// SYNC1.
     #[test]
     fn registers_of_known_devices() {
         let analog = Pulses::new(
@@ -95,7 +99,7 @@ mod tests {
             assert_eq!((pulses.sync1, pulses.sync1_cycle()), (Nanos(sync1), Nanos(bus)));
             assert_eq!(pulses.behind_sync0(), Nanos::ZERO);
         }
-        // SYNC1 behind the SYNC0 that it belongs to, as some drives want it.
+        // SYNC1 comes behind the SYNC0 that it belongs to, as some drives want it.
         let (bus, sync0, behind) = (Nanos(1_000_000), Nanos(15_625), Nanos(580));
         let shifted = Pulses::new(SyncMode::DcSubordinated, bus, behind, sync0, false);
         assert_eq!((shifted.sync1, shifted.lead), (Nanos(984_955), Nanos(984_955)));

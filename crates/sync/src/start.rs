@@ -1,11 +1,12 @@
-//! The start time of the SYNC units: one grid for all devices, so that pulses of equal cycle fall together
-//! and those of different cycles meet again and again.
+//! The start time of the SYNC units: one grid for all devices, so that pulses of equal cycle
+//! coincide and those of different cycles do so periodically.
 
 use core::fmt;
 
 use isocat_wire::time::{Dc, Nanos, Time};
 
-/// The points of system time at which all pulses of a segment stand as at the first one.
+/// The points of system time at which all pulses of a segment have the same positions as at the
+/// first one.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Grid {
     period: u64,
@@ -16,7 +17,7 @@ pub struct Grid {
 pub enum GridError {
     /// A period of 0 or less, or no period at all.
     NoPeriod,
-    /// The periods meet after more than [`Grid::LONGEST`] only.
+    /// The periods have a common multiple only above [`Grid::LONGEST`].
     TooLong,
 }
 
@@ -37,8 +38,8 @@ impl Grid {
     /// The longest period: a start time must lie in the nearer half of a 32-bit clock.
     pub const LONGEST: Nanos = Nanos(1 << 31);
 
-    /// The grid of the least common multiple of all periods: the bus cycle, and of each device the time
-    /// in which its pulses repeat ([`Pulses::sync1_cycle`](crate::Pulses::sync1_cycle),
+    /// The grid of the least common multiple of all periods: the bus cycle, and for each device the
+    /// time after which its pulses repeat ([`Pulses::sync1_cycle`](crate::Pulses::sync1_cycle),
     /// [`Registers::period`](crate::opmode::Registers::period)).
     pub fn of(periods: impl IntoIterator<Item = Nanos>) -> Result<Self, GridError> {
         let mut common: Option<u64> = None;
@@ -53,14 +54,14 @@ impl Grid {
         common.map(|period| Self { period }).ok_or(GridError::NoPeriod)
     }
 
-    /// From point to point.
+    /// Distance of the points.
     pub const fn period(self) -> Nanos {
         Nanos(self.period as i64)
     }
 
-    /// The first point of the grid, shifted by `phase`, at or after `now + lead`. `now` is one reading of the
-    /// reference clock for all devices; `lead` is the time in which all of them are programmed. A phase
-    /// of more than a period, or below 0, counts by what it is within one.
+    /// The first point of the grid, shifted by `phase`, at or after `now + lead`. `now` is one
+    /// reading of the reference clock for all devices; `lead` is the time needed to program all of
+    /// them. A phase outside of one period counts modulo the period.
     pub fn start(self, now: Time<Dc>, lead: Nanos, phase: Nanos) -> Time<Dc> {
         let earliest = now + lead;
         let behind = i128::from(phase.0) - i128::from(earliest.count());
@@ -68,8 +69,8 @@ impl Grid {
     }
 }
 
-/// What a clock of 32 bits takes of a start time, or why it would start at a wrong time: the start must
-/// lie less than 2^31 ns ahead.
+/// The start time for a clock of 32 bits, or the reason why it would start at a wrong time: the
+/// start must lie less than 2^31 ns ahead.
 pub fn truncated(start: Time<Dc>, now: Time<Dc>) -> Result<u32, TooFarAhead> {
     let ahead = start - now;
     if (1..1 << 31).contains(&ahead.0) {
@@ -79,10 +80,10 @@ pub fn truncated(start: Time<Dc>, now: Time<Dc>) -> Result<u32, TooFarAhead> {
     }
 }
 
-/// A start time that a clock of 32 bits takes for one in the past.
+/// A start time that a 32-bit clock takes as one in the past.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct TooFarAhead {
-    /// How far it lies ahead; 0 or less: it is over.
+    /// How far it lies ahead; 0 or less means that it is in the past.
     pub ahead: Nanos,
 }
 
@@ -117,7 +118,7 @@ mod tests {
         assert_eq!(grid(&[]), Err(GridError::NoPeriod));
         assert_eq!(grid(&[1_000_000, 0]), Err(GridError::NoPeriod));
         assert_eq!(grid(&[-1]), Err(GridError::NoPeriod));
-        // Both sides of the longest.
+        // Both sides of the longest period.
         assert_eq!(grid(&[1 << 31]).unwrap().period(), Nanos(1 << 31));
         assert_eq!(grid(&[(1 << 31) + 1]), Err(GridError::TooLong));
         assert_eq!(grid(&[999_983, 999_979]), Err(GridError::TooLong));
@@ -132,7 +133,7 @@ mod tests {
         assert_eq!(start(7_000_300_000, 300_000), 7_100_300_000);
         assert_eq!(start(7_000_300_001, 300_000), 7_101_300_000);
         assert_eq!(start(7_000_299_999, 300_000), 7_100_300_000);
-        // A maker's shift may be above the cycle, or below 0.
+        // A maker's shift may be longer than the cycle, or below 0.
         assert_eq!(start(7_000_300_000, 2_000_200_300_000), start(7_000_300_000, 300_000));
         assert_eq!(start(7_000_300_000, -700_000), start(7_000_300_000, 300_000));
     }
@@ -147,8 +148,8 @@ mod tests {
     }
 
     proptest! {
-        /// Devices of different cycles, started whenever one looked at the clock: the pulses of each lie
-        /// on multiples of its own cycle, so in phase with those of every run before.
+        /// Devices of different cycles are started at any reading of the clock. The pulses of each
+        /// lie on multiples of its own cycle, so they are in phase with those of every run before.
         #[test]
         fn cycles_that_differ_come_out_in_phase(
             times in proptest::collection::vec(1..=8i64, 1..6),

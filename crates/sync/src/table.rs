@@ -1,11 +1,12 @@
-//! Which sub-indices of 0x1C32 and 0x1C33 a mode needs, and who may write them: the two tables of
-//! ETG.1020 as data.
+//! The sub-indices of 0x1C32 and 0x1C33 that a mode needs, and their access rights: the two tables
+//! of ETG.1020 as data.
 //!
-//! The tables have eight [`Column`]s, finer than [`SyncMode`](crate::SyncMode): whether the shift is
-//! done by a local timer or by SYNC1 makes a column of its own. Known misprints are corrected: the rows of
-//! the delay time and of the shift time are there, and the SYNC0 cycle time belongs to subordinated cycles.
+//! The tables have eight [`Column`]s, more than the [`SyncMode`](crate::SyncMode)s: a shift by a
+//! local timer and a shift by SYNC1 have separate columns. Known misprints are corrected: the rows
+//! of the delay time and of the shift time are present, and the SYNC0 cycle time belongs to
+//! subordinated cycles.
 //!
-//! A device of several modes has what at least one of them needs.
+//! A device of several modes has every sub-index that at least one of them needs.
 
 use core::fmt;
 
@@ -15,24 +16,24 @@ mod doubts;
 
 pub use doubts::{Aspect, DOUBTS, Doubt};
 
-/// A synchronization mode as the tables tell them apart.
+/// A synchronization mode as a column of the tables.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Column {
     /// Not synchronized.
     FreeRun,
-    /// With SM2, inputs only: SM3.
+    /// With SM2; for inputs only, with SM3.
     Sm,
-    /// The same, Input Latch shifted by a local timer.
+    /// As `Sm`, with Input Latch shifted by a local timer.
     SmShift,
     /// With SYNC0.
     Dc,
-    /// The same, Outputs Valid and Input Latch shifted by a local timer.
+    /// As `Dc`, with Outputs Valid and Input Latch shifted by a local timer.
     DcShift,
     /// With SYNC0, Outputs Valid or Input Latch shifted by SYNC1.
     DcShiftSync1,
-    /// SYNC0 starts, SYNC1 acts.
+    /// SYNC0 starts the calculation, SYNC1 lets outputs act.
     DcSync1,
-    /// Several cycles of a fixed SYNC0 in one of SYNC1.
+    /// Several cycles of a fixed SYNC0 in one cycle of SYNC1.
     DcSubordinated,
 }
 
@@ -70,16 +71,16 @@ impl fmt::Display for Column {
     }
 }
 
-/// Who may write a sub-index.
+/// The access rights of a sub-index.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Rights {
     /// Not used in this mode.
     None,
     /// Read only.
     Read,
-    /// Read and written.
+    /// Readable and writable.
     ReadWrite,
-    /// Read only or writable, as the device has it.
+    /// Read only or writable, as the device chooses.
     Either,
 }
 
@@ -94,16 +95,16 @@ impl fmt::Display for Rights {
     }
 }
 
-/// Whether a device that has the mode must have a sub-index.
+/// Whether a device with the mode must have a sub-index.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Need {
     /// Not used in this mode.
     None,
-    /// It must be there.
+    /// The sub-index must exist.
     Mandatory,
-    /// It may be there.
+    /// The sub-index may exist.
     Optional,
-    /// It must be there if the condition holds.
+    /// The sub-index must exist if the condition holds.
     Conditional(Condition),
 }
 
@@ -118,14 +119,15 @@ impl fmt::Display for Need {
     }
 }
 
-/// When a conditional sub-index must be there.
+/// The condition under which a sub-index must exist.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Condition {
     /// The device supports more than Free Run.
     MoreThanFreeRun,
-    /// Sub-index 04 announces dynamic times, bit 14: somebody must start the measurement.
+    /// Sub-index 04 announces dynamic times, bit 14: there must be a command to start the
+    /// measurement.
     DynamicTimes,
-    /// One of the counters 0B, 0C and 0D is there: what they count ends in the error.
+    /// One of the counters 0B, 0C and 0D exists: what they count ends in the error.
     Counters,
 }
 
@@ -152,12 +154,12 @@ impl Condition {
     }
 }
 
-/// What the tables say of a sub-index in a column.
+/// The content of the tables for a sub-index in a column.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Cell {
-    /// Who may write it.
+    /// The access rights.
     pub rights: Rights,
-    /// Whether it must be there.
+    /// Whether the sub-index must exist.
     pub need: Need,
 }
 
@@ -168,8 +170,8 @@ impl Cell {
     }
 }
 
-/// The cell of a sub-index of 0x1C32 or 0x1C33; `None` for another object, for sub-index 00, which every
-/// device has, and for sub-indices that the tables do not know.
+/// The cell of a sub-index of 0x1C32 or 0x1C33. `None` for another object, for sub-index 00, which
+/// every device has, and for sub-indices that are not in the tables.
 pub const fn lookup(object: u16, sub: u8, column: Column) -> Option<Cell> {
     let rows = match object {
         OUTPUT_PARAMETER => &OUTPUTS,
@@ -187,7 +189,7 @@ pub const fn lookup(object: u16, sub: u8, column: Column) -> Option<Cell> {
     None
 }
 
-/// The sub-indices of the tables, ascending. The same for both objects.
+/// The sub-indices of the tables in ascending order, the same for both objects.
 pub const SUBS: [u8; 19] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 32];
 
 /// A row of both tables.
@@ -201,7 +203,7 @@ const fn row(sub: u8, rights: [Rights; 8], need: [Need; 8]) -> Row {
     Row { sub, rights, need }
 }
 
-// Cells as the tables print them.
+// Cells, in the letters of the printed tables.
 const N: Rights = Rights::None;
 const R: Rights = Rights::Read;
 const W: Rights = Rights::ReadWrite;
@@ -276,7 +278,7 @@ mod tests {
 
     use super::*;
 
-    /// Both tables once more, as one reads them: rights and need of each column.
+    /// A second transcription of both tables: rights and need of each column.
     const PRINTED: [(u16, u8, &str); 14] = [
         (0x1C32, 1, "R/RW C1, RW M, RW M, R/RW M, RW M, RW M, R/RW M, RW M"),
         (0x1C32, 2, "R/RW O, R/RW O, R/RW O, R O, R M, R M, R O, R M"),
@@ -321,7 +323,8 @@ mod tests {
         }
     }
 
-    /// The objects differ where the event matters (03, 09, 13) and in what only outputs have (15 to 18).
+    /// The objects differ where the event matters (03, 09, 13) and in entries for outputs only (15
+    /// to 18).
     #[test]
     fn the_objects_differ_in_few_rows() {
         let differs = |sub: &u8| printed(0x1C32, *sub) != printed(0x1C33, *sub);
@@ -336,7 +339,7 @@ mod tests {
         {
             assert_eq!(lookup(object, sub, Column::Dc), None, "{object:04X}:{sub:02X}");
         }
-        // In a constant, as a stack without allocation may want it.
+        // `lookup` must work in a constant, for a stack without allocation.
         const SHIFT: Option<Cell> = lookup(0x1C33, 3, Column::SmShift);
         assert_eq!(SHIFT, Some(Cell { rights: Rights::ReadWrite, need: Need::Mandatory }));
     }

@@ -1,48 +1,48 @@
-//! Propagation delays from what a segment is made of: cables, PHYs, and how long chips keep a frame.
+//! Propagation delays from the parts of a segment: cables, PHYs, and the stay of frames in chips.
 //!
-//! For a segment that nobody can ask yet. A frame that enters an ESC leaves through its open ports in the order
-//! 0 → 3 → 1 → 2, comes back from each branch through the same port, and goes back upstream last. The
-//! processing unit stands between port 0 and port 3: the stay that passes it takes the processing delay, each other
-//! one the forwarding delay.
+//! This serves a segment that cannot be measured yet. A frame that enters an ESC leaves through its
+//! open ports in the order 0 → 3 → 1 → 2, comes back from each branch through the same port, and
+//! goes back upstream last. The processing unit is between port 0 and port 3: the stay that passes
+//! it takes the processing delay, each other stay the forwarding delay.
 
 use isocat_wire::PortNumber;
 use isocat_wire::time::Picos;
 
-/// One SubDevice as it hangs in the segment. They stand in processing order.
+/// One SubDevice with its connection. SubDevices are in processing order.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Cabled {
-    /// The SubDevice it hangs on, and that one's port. `None`: the MainDevice.
+    /// Its parent and the parent's port. `None`: the MainDevice.
     pub parent: Option<(usize, PortNumber)>,
     /// Its own port upstream.
     pub entry: PortNumber,
-    /// From the parent's port to its own: PHY, cable, PHY.
+    /// Delay from the parent's port to its own: PHY, cable, PHY.
     pub out: Picos,
-    /// The same on the way back.
+    /// The same delay on the way back.
     pub back: Picos,
-    /// A stay that passes the processing unit.
+    /// A stay through the processing unit.
     pub processing: Picos,
-    /// A stay that does not.
+    /// A stay past the processing unit.
     pub forwarding: Picos,
 }
 
-/// What [`propagation`] finds out about one SubDevice.
+/// The result of [`propagation`] for one SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Way {
-    /// From the frame's arrival at the first SubDevice to that at this one.
+    /// Time from the frame's arrival at the first SubDevice to its arrival here.
     pub delay: Picos,
-    /// From its arrival here until it leaves upstream, all branches seen.
+    /// Time from its arrival here until it leaves upstream after all branches.
     round: Picos,
-    /// From its arrival here until it is back from the branches so far.
+    /// Time from its arrival here until its return from the branches so far.
     spent: Picos,
-    /// The port it last came back at.
+    /// The port at which it last came back.
     last: Option<PortNumber>,
 }
 
-/// Fills in the way to each SubDevice. Panics if `ways` is shorter than `nodes`, or a parent stands behind its
-/// child.
+/// Computes the way to each SubDevice. Panics if `ways` is shorter than `nodes`, or if a parent
+/// comes after its child.
 pub fn propagation(nodes: &[Cabled], ways: &mut [Way]) {
     for (way, node) in ways.iter_mut().zip(nodes) {
-        // One stay passes the processing unit whatever is open.
+        // One stay passes the processing unit, whichever ports are open.
         *way = Way { round: node.processing, ..Way::default() };
     }
     for (child, node) in nodes.iter().enumerate().rev() {
@@ -63,7 +63,7 @@ pub fn propagation(nodes: &[Cabled], ways: &mut [Way]) {
     }
 }
 
-/// Whether the way from one open port to the next open one leads from port 0 to port 3.
+/// Whether the way from one open port to the next leads from port 0 to port 3.
 fn passes_unit(from: PortNumber, to: PortNumber) -> bool {
     let place = |port| PortNumber::PROCESSING_ORDER.iter().position(|other| *other == port);
     let (from, to) = (place(from), place(to));
@@ -93,7 +93,7 @@ mod tests {
         assert_eq!(delays(line), [0, 205_000, 410_000]);
     }
 
-    /// A fork: the second branch waits for the whole of the first, a line of two.
+    /// A fork: the frame enters the second branch after the whole of the first, a line of two.
     #[test]
     fn a_fork() {
         let nodes = [
@@ -107,7 +107,8 @@ mod tests {
         assert_eq!(delays(nodes), [0, 205_000, 410_000, branch * 1_000]);
     }
 
-    /// With the cable upstream in port 1 a frame leaves through port 0 before it passes the processing unit.
+    /// With the upstream cable in port 1 a frame leaves through port 0 before it passes the
+    /// processing unit.
     #[test]
     fn a_swapped_cable() {
         assert_eq!(delays([node(None, P1), node(Some((0, P0)), P0)]), [0, 185_000]);

@@ -1,6 +1,6 @@
-//! What supervision costs: a program that does nothing, a call that stops its thread, a frame out
-//! and back, and readings of the clock, which stop nothing. The same loops run without supervision
-//! beside them where that can be, so that each run has the ratio.
+//! The cost of supervision: a program that does nothing, a call that stops its thread, a frame out
+//! and back, and readings of the clock, which do not stop a thread. Where possible the same loops
+//! also run without supervision, so that each run gives the ratio.
 //!
 //! The program is this bench itself: `stops --subject NAME COUNT`.
 #![cfg_attr(not(all(target_os = "linux", target_arch = "x86_64")), allow(unused))]
@@ -44,7 +44,7 @@ mod subject {
         }
     }
 
-    /// A call that does next to nothing, and stops its thread.
+    /// A call that does almost nothing and stops its thread.
     fn write_nothing(count: u32) {
         let mut nowhere = File::create("/dev/null").expect("there is always room");
         for _ in 0..count {
@@ -77,10 +77,10 @@ mod supervised {
     use isocat_virtual::{Wire, WireAnswer};
     use isocat_wire::time::{Host, Nanos, Time};
 
-    /// How often a subject does what it does.
+    /// Number of repetitions of each subject.
     const COUNT: u32 = 20_000;
 
-    /// Each frame is back after 7 us, as it was.
+    /// Each frame comes back unchanged after 7 us.
     struct Echo;
 
     impl Wire for Echo {
@@ -133,7 +133,7 @@ mod supervised {
         group.throughput(Throughput::Elements(COUNT.into()));
         for name in ["calls", "clock", "frames"] {
             group.bench_function(format!("{name}, supervised"), |b| b.iter(|| run(name, COUNT)));
-            // Alone there is no interface to send to.
+            // Without supervision there is no interface to send to.
             if name != "frames" {
                 group.bench_function(format!("{name}, alone"), |b| b.iter(|| alone(name, COUNT)));
             }

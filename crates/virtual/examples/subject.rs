@@ -1,6 +1,6 @@
-//! Programs that run under supervision in `tests/supervised.rs`: `subject NAME`. Each looks from
-//! inside whether time, threads, pipes and frames are as on a machine of its own, and fails if they
-//! are not.
+//! Programs that run under supervision in `tests/supervised.rs`: `subject NAME`. Each program
+//! checks from inside whether time, threads, pipes and frames behave as on a real machine, and
+//! fails if they do not.
 
 #![cfg(all(target_os = "linux", target_arch = "x86_64"))]
 
@@ -55,7 +55,7 @@ fn threads() {
     drop(sender);
     assert_eq!(receiver.iter().collect::<Vec<_>>(), [3, 2, 1, 0], "the shortest sleep first");
     threads.into_iter().for_each(|thread| thread.join().expect("it ends"));
-    // A wait with an end that nobody shortens.
+    // A wait with a timeout that no other thread ends early.
     let (lock, changed) = (Mutex::new(()), Condvar::new());
     let guard = lock.lock().expect("not poisoned");
     let (_guard, waited) =
@@ -104,7 +104,8 @@ fn has_a_child() {
     assert!(began.elapsed() < Duration::from_millis(2_100));
 }
 
-/// A shell starts processes with threads one after the other. Each ends while its threads sleep.
+/// A shell starts processes with threads one after the other. Each process ends while its threads
+/// sleep.
 fn has_children_with_threads() {
     let this = std::env::current_exe().expect("a program has a path");
     let script = "for i in 1 2 3 4 5 6 7 8 9 10; do \"$0\" ends_beside_its_threads | cat; done";
@@ -160,7 +161,7 @@ fn five_hundred_threads() {
     assert!(began.elapsed() < Duration::from_millis(1_100), "they sleep at the same time");
 }
 
-/// Both hear the answer to what one of them sent, as two sockets on a real interface do.
+/// Both sockets receive the answer to a frame that one of them sent, as on a real interface.
 fn two_sockets() {
     let mut one = RawSocket::open("vt0", None).expect("a packet socket");
     let mut other = RawSocket::open("vt0", None).expect("another one");

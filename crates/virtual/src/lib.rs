@@ -1,12 +1,12 @@
 //! Unmodified MainDevice programs in deterministic virtual time.
 //!
 //! A program runs under a [`supervisor`], a parent process that answers its system calls. Packet
-//! sockets on the interfaces that the caller names become a [`Wire`]; clocks, sleeps, waits and
-//! threads run on virtual time: one thread runs at a time, and time moves only when all wait. What
-//! waits for what, and until when, is decided by the virtual [`kernel`], which knows nothing of
+//! sockets on the interfaces that the caller names become a [`Wire`]. Clocks, sleeps, waits and
+//! threads run in virtual time: one thread runs at a time, and time advances only when all wait.
+//! The virtual [`kernel`] decides which thread waits, for what, and until when; it knows nothing of
 //! system calls.
 //!
-//! The supervisor stands on seccomp's user notifications: it needs Linux 6.6 or newer on x86-64, no
+//! The supervisor uses seccomp's user notifications. It needs Linux 6.6 or newer on x86-64, but no
 //! privileges, no preloaded library and no change to the program, which may be linked statically or
 //! dynamically and written in any language.
 #![deny(unsafe_code)]

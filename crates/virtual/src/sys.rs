@@ -1,5 +1,5 @@
-//! The system calls of the supervisor that no library wraps safely: everything unsafe of this
-//! package stands here.
+//! The system calls of the supervisor without a safe wrapper in a library: all unsafe code of this
+//! package is here.
 #![expect(
     unsafe_code,
     reason = "seccomp notifications and a process's memory have no safe wrapper"
@@ -20,38 +20,38 @@ const SYNC_WAKE_UP: u64 = 1;
 const LISTENER: libc::c_ulong = 1 << 3;
 const WAIT_KILLABLE: libc::c_ulong = 1 << 5;
 const CONTINUE: u32 = 1;
-/// The new descriptor gets the number that was asked for.
+/// The new descriptor gets the requested number.
 const SET_NUMBER: u32 = 1;
 
 /// A system call that stopped a thread.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Stopped {
-    /// By which it is answered.
+    /// The number by which it is answered.
     pub id: u64,
     /// The thread's number.
     pub thread: i32,
     pub number: i64,
-    /// The architecture by whose table the number counts.
+    /// The architecture that defines the numbers of calls.
     pub architecture: u32,
-    /// The address behind the call.
+    /// The address behind the call instruction.
     pub behind: u64,
     pub arguments: [u64; 6],
 }
 
-/// How a stopped thread goes on.
+/// How a stopped thread continues.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Reply {
-    /// The call gives this: a value, or an error below zero.
+    /// The call returns this: a value, or a negative error.
     Value(i64),
-    /// The kernel does the call.
+    /// The kernel executes the call.
     Continue,
 }
 
-/// The end of a filter's notifications at the supervisor.
+/// The supervisor's end of a filter's notifications.
 #[derive(Debug)]
 pub(crate) struct Listener(OwnedFd);
 
-/// What became of a launch.
+/// The result of a launch.
 #[derive(Debug)]
 pub(crate) struct Launched {
     /// Its process number.
@@ -65,13 +65,13 @@ pub(crate) struct Launched {
 struct Shared(*mut State);
 
 struct State {
-    /// The listener's number, or an error below zero; [`NOT_YET`] before.
+    /// The listener's number, or a negative error; [`NOT_YET`] before that.
     listener: AtomicI32,
-    /// The parent has it.
+    /// The parent has taken the listener.
     taken: AtomicI32,
-    /// Why the program could not be started; 0: it was.
+    /// The error that prevented the start; 0 if the program was started.
     failed: AtomicI32,
-    /// Not 0: its addresses could not be fixed.
+    /// Not 0 if the program's addresses could not be fixed.
     randomized: AtomicI32,
 }
 
@@ -79,7 +79,7 @@ const NOT_YET: i32 = i32::MIN;
 
 impl Shared {
     fn new() -> io::Result<Self> {
-        // SAFETY: a new anonymous mapping, of which nobody knows.
+        // SAFETY: a new anonymous mapping, to which no other reference exists.
         let page = unsafe {
             let protection = libc::PROT_READ | libc::PROT_WRITE;
             let flags = libc::MAP_SHARED | libc::MAP_ANONYMOUS;
@@ -115,23 +115,24 @@ impl Drop for Shared {
 }
 
 impl Launched {
-    /// Whether the machine does not let the program's addresses be fixed, so that they differ from
-    /// run to run.
+    /// Whether the machine does not allow the program's addresses to be fixed, so that they differ
+    /// from run to run.
     pub(crate) fn is_randomized(&self) -> bool {
         self.shared.state().randomized.load(Ordering::SeqCst) != 0
     }
 
-    /// Why the program could not be started.
+    /// The error that prevented the start of the program, if any.
     pub(crate) fn failed(&self) -> Option<io::Error> {
         let error = self.shared.state().failed.load(Ordering::SeqCst);
         (error != 0).then(|| io::Error::from_raw_os_error(error))
     }
 }
 
-/// Starts a program whose calls are filtered. It stops at once, at the call that replaces it.
+/// Starts a program whose calls are filtered. It stops at once, at the call that replaces the
+/// child.
 ///
-/// The child shares the table of descriptors with its parent until then: that hands over the
-/// listener without a call that a container could refuse.
+/// The child shares its parent's table of descriptors until then: this hands over the listener
+/// without a call that a container could refuse.
 pub(crate) fn launch(
     program: &CString,
     arguments: &[CString],
@@ -171,7 +172,7 @@ pub(crate) fn launch(
     // SAFETY: the child made this descriptor in the table that both share; it becomes ours alone
     // when the child execs.
     let listener = Listener(unsafe { OwnedFd::from_raw_fd(number) });
-    // Without it each stop takes far longer; an older kernel says that it does not know it.
+    // Without this flag each stop takes far longer; an older kernel returns an error.
     listener.ioctl(SET_FLAGS, SYNC_WAKE_UP as *mut c_void).inspect_err(|_| {
         kill(process, libc::SIGKILL);
         reap(process);
@@ -180,11 +181,12 @@ pub(crate) fn launch(
     Ok(Launched { process, listener, shared })
 }
 
-/// What the child does until it becomes the program.
+/// The child's function until it becomes the program.
 ///
 /// # Safety
 ///
-/// In a child that shares no memory with its parent. `arguments` and `environment` end in a null pointer.
+/// Must run in a child that shares no memory with its parent. `arguments` and `environment` end
+/// with a null pointer.
 unsafe fn child(
     state: &State,
     program: &CString,
@@ -243,7 +245,7 @@ impl Listener {
         })
     }
 
-    /// Lets the thread go on. `NotFound`: it is no more.
+    /// Lets the thread continue. `NotFound`: it does not exist any more.
     pub(crate) fn reply(&self, id: u64, reply: Reply) -> io::Result<()> {
         let (val, error, flags) = match reply {
             Reply::Value(value) if value >= 0 => (value, 0, 0),
@@ -254,8 +256,8 @@ impl Listener {
         self.ioctl(SEND, (&raw mut response).cast()).map(|_| ())
     }
 
-    /// Gives the stopped process a descriptor of ours, with the lowest free number or with this
-    /// one.
+    /// Installs one of our descriptors in the stopped process, with the lowest free number or with
+    /// this one.
     pub(crate) fn add_descriptor(
         &self,
         id: u64,
@@ -286,7 +288,7 @@ impl AsRawFd for Listener {
     }
 }
 
-/// Reads the memory of another process; less than asked for is an error.
+/// Reads the memory of another process; a short read is an error.
 pub(crate) fn read_memory(process: i32, at: u64, into: &mut [u8]) -> io::Result<()> {
     if into.is_empty() {
         return Ok(());
@@ -298,7 +300,7 @@ pub(crate) fn read_memory(process: i32, at: u64, into: &mut [u8]) -> io::Result<
     whole(read, into.len())
 }
 
-/// Writes the memory of another process, where that may write itself.
+/// Writes the memory of another process, where that process may write itself.
 pub(crate) fn write_memory(process: i32, at: u64, from: &[u8]) -> io::Result<()> {
     if from.is_empty() {
         return Ok(());
@@ -317,7 +319,7 @@ fn whole(done: isize, wanted: usize) -> io::Result<()> {
     }
 }
 
-/// A new event counter, which stands in the program for whatever the virtual kernel keeps.
+/// A new event counter, which represents an object of the virtual kernel in the program.
 pub(crate) fn stand_in() -> io::Result<OwnedFd> {
     // SAFETY: no pointers; the new descriptor is ours alone.
     unsafe {
@@ -326,7 +328,7 @@ pub(crate) fn stand_in() -> io::Result<OwnedFd> {
     }
 }
 
-/// A socket of the world outside.
+/// A socket to the outside.
 pub(crate) fn socket(domain: i32, kind: i32, protocol: i32) -> io::Result<OwnedFd> {
     // SAFETY: no pointers; the new descriptor is ours alone.
     unsafe {
@@ -335,7 +337,7 @@ pub(crate) fn socket(domain: i32, kind: i32, protocol: i32) -> io::Result<OwnedF
     }
 }
 
-/// Memory without a name, shared by whoever maps it.
+/// Memory without a file, shared by every process that maps it.
 pub(crate) fn memory(name: &str, bytes: &[u8]) -> io::Result<std::fs::File> {
     let name = CString::new(name)?;
     // SAFETY: the name lives; the new descriptor is ours alone.
@@ -347,11 +349,11 @@ pub(crate) fn memory(name: &str, bytes: &[u8]) -> io::Result<std::fs::File> {
     Ok(file)
 }
 
-/// A page of `u64` in memory that is shared with others.
+/// A page of `u64` in memory that is shared with other processes.
 #[derive(Debug)]
 pub(crate) struct SharedWords(*mut u64);
 
-/// Words of a page.
+/// Number of words in a page.
 pub(crate) const WORDS: usize = 4096 / 8;
 
 impl SharedWords {
@@ -388,23 +390,23 @@ impl Drop for SharedWords {
     }
 }
 
-/// Sends a signal to a process; that it is no more is no error.
+/// Sends a signal to a process; it is not an error if the process does not exist any more.
 pub(crate) fn kill(process: i32, signal: i32) {
     // SAFETY: no pointers.
     unsafe { libc::kill(process, signal) };
 }
 
-/// Waits until the parents of those processes that are seen to have ended have their SIGCHLD.
+/// Waits until the parents of processes that are visibly ended have got their SIGCHLD.
 ///
 /// The kernel marks a process as ended and signals its parent under one lock, but `/proc` shows the
-/// mark without taking it. Looking for all processes of a group takes the lock, so it comes
-/// back after the signal.
+/// mark without taking the lock. A call that searches all processes of a group takes the lock, so
+/// it returns after the signal.
 pub(crate) fn wait_for_ends_under_way() {
-    // SAFETY: no pointers. Signal 0 is sent to nobody.
+    // SAFETY: no pointers. Signal 0 is not delivered.
     unsafe { libc::kill(0, 0) };
 }
 
-/// Sends a signal to a thread, or to the whole process, as a timer of its own would.
+/// Sends a signal to a thread, or to the whole process, as one of its own timers would.
 pub(crate) fn send_timer_signal(
     process: i32,
     thread: Option<i32>,
@@ -431,7 +433,7 @@ pub(crate) fn send_timer_signal(
     checked(sent).map(|_| ())
 }
 
-/// Takes the ends of those children of ours that have ended and of which nobody asked.
+/// Reaps those of our children that have ended and that no process asked for.
 pub(crate) fn reap_orphans(processes: &[i32]) {
     for process in processes {
         // SAFETY: no pointers.
@@ -450,9 +452,9 @@ pub(crate) fn reap(process: i32) -> Option<Ending> {
 /// How a program ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Ending {
-    /// By itself, with this code.
+    /// The program exited with this code.
     Exited(i32),
-    /// By this signal.
+    /// The program was killed by this signal.
     Killed(i32),
 }
 
@@ -470,22 +472,22 @@ fn is_zombie(process: i32) -> bool {
         .map_or(true, |stat| stat.rsplit(')').next().is_some_and(|rest| rest.starts_with(" Z")))
 }
 
-/// Orphans of the program come to this process, so that none is left behind.
+/// Makes orphans of the program children of this process, so that none is left behind.
 pub(crate) fn adopt_orphans() {
     // SAFETY: no pointers.
     unsafe { libc::prctl(libc::PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) };
 }
 
-/// Interrupts a thread of this process in its system call, again and again for as long as it likes:
-/// by a signal without effect.
+/// Interrupts a thread of this process in its system call, any number of times, by a signal without
+/// effect.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Interrupter(libc::pthread_t);
 
-/// The signal that does it. It has no use of its own.
+/// The signal for the interruption, which has no other use here.
 const NUDGE: i32 = libc::SIGURG;
 
 impl Interrupter {
-    /// For the calling thread.
+    /// An interrupter of the calling thread.
     pub(crate) fn of_this_thread() -> Self {
         extern "C" fn nothing(_: i32) {}
         // SAFETY: the handler does nothing; without `SA_RESTART` calls are interrupted.
@@ -507,12 +509,12 @@ fn checked(result: i64) -> io::Result<i64> {
     if result < 0 { Err(io::Error::last_os_error()) } else { Ok(result) }
 }
 
-/// Registers of a thread that say where it is.
+/// The registers of a thread that tell its position.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Registers {
-    /// The instruction that comes next.
+    /// The address of the next instruction.
     pub instruction: u64,
-    /// The frame pointer, where one is kept.
+    /// The frame pointer, if the code keeps one.
     pub frame: u64,
 }
 
@@ -527,17 +529,17 @@ pub(crate) fn registers(thread: i32) -> io::Result<Registers> {
     };
     ask(libc::PTRACE_SEIZE, ptr::null_mut())?;
     ask(libc::PTRACE_INTERRUPT, ptr::null_mut())?;
-    // SAFETY: it was seized by this thread, and stops at once, as it runs.
+    // SAFETY: this thread has seized it, and it stops at once, since it runs.
     let stopped = unsafe { libc::waitpid(thread, ptr::null_mut(), libc::__WALL) };
     let mut registers = MaybeUninit::<libc::user_regs_struct>::zeroed();
     let read = match stopped {
         -1 => Err(io::Error::last_os_error()),
         _ => ask(libc::PTRACE_GETREGS, registers.as_mut_ptr().cast()),
     };
-    // One that is no more needs no release.
+    // A thread that does not exist any more needs no release.
     let _ = ask(libc::PTRACE_DETACH, ptr::null_mut());
     read?;
-    // SAFETY: any bytes are registers.
+    // SAFETY: any bytes are valid registers.
     let registers = unsafe { registers.assume_init() };
     Ok(Registers { instruction: registers.rip, frame: registers.rbp })
 }

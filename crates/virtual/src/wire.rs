@@ -1,4 +1,4 @@
-//! What lies behind the packet sockets.
+//! The segment behind the packet sockets.
 
 use isocat_wire::time::{Host, Time};
 
@@ -7,18 +7,18 @@ use crate::kernel::MachineFault;
 /// A frame that comes back.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct WireAnswer {
-    /// When its last bit is there.
+    /// The instant at which its last bit has arrived.
     pub at: Time<Host>,
-    /// At which interface: its place among those that were named.
+    /// The index of the interface at which it arrives, among those that were named.
     pub interface: usize,
-    /// All of it, from the destination address on.
+    /// Its bytes, from the destination address on.
     pub bytes: Vec<u8>,
 }
 
-/// Something that takes frames and gives answers, in virtual time. Instants never go back.
+/// Takes frames and returns answers in virtual time. Instants never go back.
 pub trait Wire {
-    /// A frame whose first bit is sent at `at` from an interface. What comes back goes to
-    /// `answers`, in whatever order.
+    /// Sends a frame whose first bit leaves an interface at `at`. The frames that come back are
+    /// added to `answers`, in any order.
     fn send(
         &mut self,
         interface: usize,
@@ -27,12 +27,12 @@ pub trait Wire {
         answers: &mut Vec<WireAnswer>,
     );
 
-    /// Time has gone on to `now` and no frame was sent.
+    /// Advances time to `now` without a frame.
     fn advance(&mut self, now: Time<Host>);
 
-    /// When [`advance`](Self::advance) is wanted next, if nothing is sent.
+    /// The next instant at which [`advance`](Self::advance) is needed if no frame is sent.
     fn next_timeout(&self, now: Time<Host>) -> Option<Time<Host>>;
 
-    /// Takes what has begun to happen to the program's machine since the last call.
+    /// Takes the faults of the program's machine that have begun since the last call.
     fn take_machine_faults(&mut self) -> Vec<MachineFault>;
 }

@@ -11,7 +11,7 @@ use isocat_virtual::supervisor::{self, Ended, Ending, How, Options, Program};
 use isocat_virtual::{Wire, WireAnswer};
 use isocat_wire::time::{Host, Nanos, Time};
 
-/// Each frame is back after this long, with one more in byte 20.
+/// Each frame comes back after this time, with byte 20 incremented.
 const ROUND_TRIP: Nanos = Nanos(7_000);
 
 #[derive(Default)]
@@ -54,8 +54,9 @@ fn options() -> Options {
     }
 }
 
-/// Runs a subject of `examples/subject.rs`, which is built with the tests; gives its end and when
-/// its frames set out. `None`: this machine does not let programs be supervised, and says so.
+/// Runs a subject of `examples/subject.rs`, which is built with the tests. Returns its result and
+/// the instants at which its frames were sent. `None`: this machine does not allow supervision, and
+/// the test reports that.
 fn run(subject: &str, options: &Options) -> Option<(Ended, Vec<u64>)> {
     let test = std::env::current_exe().expect("a test has a binary");
     let path = test.parent().and_then(Path::parent).expect("folders").join("examples/subject");
@@ -97,7 +98,7 @@ fn threads_meet_in_virtual_time_and_the_same_way_each_time() {
 #[test]
 fn a_loop_that_asks_for_the_time_ends() {
     let Some((ended, _)) = ends_well("spins_by_the_clock") else { return };
-    // A reading costs 200 ns, and stops nobody where the clock can count by itself.
+    // A reading costs 200 ns, and stops no thread where the clock can count by itself.
     let asked = ended.figures.readings + ended.figures.stops;
     assert!((4_900..7_000).contains(&asked), "{:?}", ended.figures);
 }
@@ -114,7 +115,7 @@ fn frames_go_to_the_wire_and_come_back_in_time() {
 #[test]
 fn children_run_in_the_same_time() {
     let Some((ended, _)) = ends_well("has_a_child") else { return };
-    // This one, the shell, and what sleeps.
+    // The processes are this one, the shell, and `sleep`.
     assert_eq!(ended.figures.processes, 3);
     assert!(ended.lasted >= Nanos::millis(2_000) && ended.lasted < Nanos::millis(2_100));
 }
@@ -143,7 +144,7 @@ fn threads_that_wait_for_ever_are_named() {
 #[test]
 fn a_wait_for_a_signal_that_none_can_send_is_a_deadlock() {
     let program = Program::find("sleep".as_ref(), &["infinity".into()]).expect("a program");
-    // Some versions sleep for very long in the place of it.
+    // Some versions sleep for a very long time instead.
     let options = Options { limit: Some(Nanos::millis(3_600_000)), ..options() };
     match supervisor::run(&program, &options, &mut Echo::default()) {
         Ok(Ended { how: How::Limit, lasted, .. }) => assert_eq!(lasted, Nanos::millis(3_600_000)),
@@ -198,7 +199,7 @@ fn a_program_that_ignores_signals_is_ended_all_the_same() {
         Ok(ended) => assert_eq!((ended.how, ended.figures.processes), (How::Limit, 11)),
         Err(error) => println!("skipped: {error}"),
     }
-    // Asked to stop from outside before it begins.
+    // The program is asked to stop before it starts.
     options.stop.store(true, std::sync::atomic::Ordering::SeqCst);
     match supervisor::run(&program, &options, &mut Echo::default()) {
         Ok(ended) => assert_eq!(ended.how, How::Stopped),

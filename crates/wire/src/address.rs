@@ -4,8 +4,8 @@ use core::fmt;
 
 /// A SubDevice by its position in the segment, as the frame carries it.
 ///
-/// The first SubDevice is addressed with 0, the second with 0xFFFF: every ESC adds one in passing
-/// and the one that receives 0 is meant.
+/// The first SubDevice is addressed with 0, the second with 0xFFFF: every ESC adds one in passing,
+/// and the ESC that receives 0 is addressed.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct AutoIncrementAddress(pub u16);
 
@@ -50,7 +50,7 @@ impl PortNumber {
         self as usize
     }
 
-    /// The port with this number, if there is one.
+    /// The port with this number; `None` above 3.
     pub const fn new(number: usize) -> Option<Self> {
         match number {
             0 => Some(Self::P0),

@@ -8,19 +8,19 @@ use crate::register::newtype_value;
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[repr(u8)]
 pub enum AlState {
-    /// No mailbox, no process data.
+    /// Neither mailbox nor process data.
     Init = 1,
-    /// Mailbox runs.
+    /// The mailbox works.
     PreOp = 2,
     /// Firmware update.
     Boot = 3,
-    /// Inputs run, outputs are in their safe state.
+    /// Inputs are valid, outputs are in their safe state.
     SafeOp = 4,
-    /// Inputs and outputs run.
+    /// Inputs and outputs are valid.
     Op = 8,
 }
 
-/// A state code that is none of 1, 2, 3, 4, 8.
+/// A state code other than 1, 2, 3, 4 and 8.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct UnknownState(pub u8);
 
@@ -63,7 +63,7 @@ impl fmt::Display for UnknownState {
     }
 }
 
-/// AL control, register 0x0120: what the MainDevice asks for.
+/// AL control, register 0x0120: the state that the MainDevice asks for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct AlControl(pub u16);
 newtype_value!(AlControl u16 2);
@@ -80,7 +80,7 @@ impl AlControl {
     pub const fn request_and_acknowledge(state: AlState) -> Self {
         Self(state as u16 | Self::ACKNOWLEDGE)
     }
-    /// Bits 3:0: the state asked for, or the unknown code.
+    /// Bits 3:0: the requested state, or the unknown code.
     pub fn state(self) -> Result<AlState, UnknownState> {
         AlState::try_from((self.0 & 0x0F) as u8)
     }
@@ -88,13 +88,13 @@ impl AlControl {
     pub const fn acknowledge(self) -> bool {
         self.0 & Self::ACKNOWLEDGE != 0
     }
-    /// Bit 5: the device's identification is asked for.
+    /// Bit 5: the MainDevice asks for the device's identification.
     pub const fn identification(self) -> bool {
         self.0 & Self::IDENTIFICATION != 0
     }
 }
 
-/// AL status, register 0x0130: the state the SubDevice is in.
+/// AL status, register 0x0130: the present state of the SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct AlStatus(pub u16);
 newtype_value!(AlStatus u16 2);
@@ -129,7 +129,7 @@ impl AlStatus {
     }
 }
 
-/// `SAFEOP`, `SAFEOP+ERR`
+/// Prints `SAFEOP` or `SAFEOP+ERR`.
 impl fmt::Display for AlStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.state() {
@@ -140,7 +140,7 @@ impl fmt::Display for AlStatus {
     }
 }
 
-/// AL status code, register 0x0134. The code space is open: unknown codes survive.
+/// AL status code, register 0x0134. The code space is open, so unknown codes are kept.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct AlStatusCode(pub u16);
 newtype_value!(AlStatusCode u16 2);
@@ -153,7 +153,7 @@ macro_rules! codes {
             /// Every code that this crate knows, in ascending order.
             pub const ALL: &[Self] = &[$(Self::$name),*];
 
-            /// What the code means, in words; `None` for a code this crate does not know.
+            /// The meaning of the code in words; `None` for a code that this crate does not know.
             pub const fn meaning(self) -> Option<&'static str> {
                 match self.0 {
                     $($code => Some($text),)*
@@ -230,7 +230,7 @@ codes! {
     0x00F0 APPLICATION_CONTROLLER_AVAILABLE "application controller available";
 }
 
-/// `0x001A (synchronization error…)`
+/// Prints `0x001A (synchronization error…)`.
 impl fmt::Display for AlStatusCode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let meaning = self.meaning().unwrap_or("a code of the vendor");

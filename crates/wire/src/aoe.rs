@@ -1,34 +1,35 @@
-//! AoE: ADS messages in the mailbox. A message is a [`Header`] of 32 bytes; behind it stand the data of the command.
+//! AoE: ADS messages in the mailbox. A message is a [`Header`] of 32 bytes, followed by the data of
+//! the command.
 
 /// Bytes of the header.
 pub const HEADER_LEN: usize = 32;
 
-/// Where a message goes or comes from: a net id of six bytes and a port of two.
+/// Target or source of a message: a net id of six bytes and a port of two.
 pub type Address = [u8; 8];
 
-/// The header of a message. What it does not need to know is kept as it came.
+/// The header of a message. Fields that are not interpreted here are kept as received.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Header {
-    /// Where it goes.
+    /// The target of the message.
     pub target: Address,
-    /// Where it comes from.
+    /// The source of the message.
     pub source: Address,
-    /// What is asked or answered.
+    /// The command that is requested or answered.
     pub command: u16,
-    /// Bit 0: it is an answer; bit 2: a command of ADS.
+    /// Bit 0: the message is an answer; bit 2: it is an ADS command.
     pub flags: u16,
-    /// Bytes behind the header.
+    /// Number of bytes behind the header.
     pub length: u32,
-    /// Why the command failed; 0 if it did not.
+    /// Error code of the command; 0 without an error.
     pub error: u32,
     /// Number of the request, which its answer repeats.
     pub invoke: u32,
 }
 
 impl Header {
-    /// Bit of [`flags`](Self::flags): it is an answer.
+    /// Bit of [`flags`](Self::flags): the message is an answer.
     pub const ANSWER: u16 = 1;
-    /// [`error`](Self::error): nothing has this port of the target.
+    /// [`error`](Self::error): the target has nothing at this port.
     pub const NO_TARGET_PORT: u32 = 6;
 
     /// Reads the 32 bytes.
@@ -47,7 +48,7 @@ impl Header {
         }
     }
 
-    /// The 32 bytes.
+    /// Writes the 32 bytes.
     pub fn emit(&self) -> [u8; HEADER_LEN] {
         let mut bytes = [0; HEADER_LEN];
         bytes[..8].copy_from_slice(&self.target);
@@ -60,7 +61,7 @@ impl Header {
         bytes
     }
 
-    /// The answer to this request that it failed.
+    /// The answer that reports failure of this request.
     pub const fn failed(&self, error: u32) -> Self {
         Self {
             target: self.source,

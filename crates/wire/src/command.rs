@@ -2,11 +2,11 @@
 
 use core::fmt;
 
-/// What a datagram asks of the SubDevices it passes.
+/// The access that a datagram asks of the SubDevices it passes.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[repr(u8)]
 pub enum Command {
-    /// No operation; passes untouched.
+    /// No operation; the datagram passes unchanged.
     Nop = 0,
     /// Auto-increment physical read.
     Aprd = 1,

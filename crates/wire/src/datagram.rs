@@ -9,15 +9,15 @@ use crate::command::{Command, UnknownCommand};
 pub const HEADER_LEN: usize = 10;
 /// Bytes of the working counter behind the data.
 pub const WKC_LEN: usize = 2;
-/// Most data bytes one datagram can carry in an Ethernet frame without VLAN tag.
+/// Largest number of data bytes in one datagram of an Ethernet frame without VLAN tag.
 pub const MAX_DATA_LEN: usize = 1486;
 
 /// The ten bytes before a datagram's data.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Header {
-    /// What is asked. Kept raw so that unknown commands survive; see [`Header::command`].
+    /// The command, kept raw so that unknown commands pass unchanged; see [`Header::command`].
     pub command: u8,
-    /// The MainDevice's own tag; no ESC touches it.
+    /// The MainDevice's own tag; no ESC changes it.
     pub index: u8,
     /// ADP in the low half and ADO in the high half, or a 32-bit logical address.
     pub address: u32,
@@ -78,7 +78,7 @@ impl Header {
         }
     }
 
-    /// The ten bytes.
+    /// Writes the ten bytes.
     pub fn emit(&self) -> [u8; HEADER_LEN] {
         let length = self.len & 0x07FF
             | u16::from(self.reserved & 0x7) << 11
@@ -89,7 +89,7 @@ impl Header {
     }
 }
 
-/// Whom a datagram addresses.
+/// The SubDevices or the memory that a datagram addresses.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Address {
     /// By position, then register or memory address (APxx, ARMW).
@@ -145,12 +145,12 @@ impl Layout {
     }
 }
 
-/// A datagram reaches beyond the end of its bytes.
+/// A datagram that extends beyond the end of its bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct DatagramError {
     /// Offset of the datagram that is cut off.
     pub at: usize,
-    /// Bytes there are.
+    /// Number of bytes that exist.
     pub len: usize,
 }
 
@@ -178,7 +178,7 @@ pub struct Layouts {
 }
 
 impl Layouts {
-    /// Starts at offset 0: at the first byte behind the EtherCAT header.
+    /// Starts at offset 0, the first byte behind the EtherCAT header.
     pub const fn new() -> Self {
         Self { next: Some(0), started: false }
     }
@@ -220,7 +220,7 @@ pub fn datagrams(bytes: &[u8]) -> impl Iterator<Item = Result<Datagram<'_>, Data
     })
 }
 
-/// `FPRD 0x1001:0x0130 len 6 wkc 1`
+/// Prints `FPRD 0x1001:0x0130 len 6 wkc 1`.
 impl fmt::Display for Datagram<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.header.command() {

@@ -5,14 +5,14 @@ use core::fmt;
 use crate::register::newtype_value;
 use crate::time::Nanos;
 
-/// System time difference, register 0x092C: sign and magnitude, not two's complement. What the sign
-/// means differs: see [`DifferencePolarity`].
+/// System time difference, register 0x092C: sign and magnitude, not two's complement. The meaning
+/// of the sign depends on the chip: see [`DifferencePolarity`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct SystemTimeDifference(pub u32);
 newtype_value!(SystemTimeDifference u32 4);
 
-/// What bit 31 of register 0x092C means. Register texts contradict each other; the only chip of
-/// which it was captured, an ET1100, does as the older one says.
+/// The meaning of bit 31 of register 0x092C. Register texts contradict each other. The only
+/// captured chip, an ET1100, follows the older text.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub enum DifferencePolarity {
     /// Bit 31 = 0: the local copy is ahead of the received time or equal to it (older texts,
@@ -24,7 +24,7 @@ pub enum DifferencePolarity {
 }
 
 impl SystemTimeDifference {
-    /// From local minus received time; the magnitude saturates.
+    /// Converts local minus received time; the magnitude saturates.
     pub fn from_nanos(difference: Nanos, polarity: DifferencePolarity) -> Self {
         let magnitude = difference.0.unsigned_abs().min(0x7FFF_FFFF) as u32;
         let ahead = difference.0 >= 0;
@@ -130,11 +130,11 @@ impl AssignActivate {
     pub const LATCH0_AT_PDI: u16 = 1 << 4;
     /// Bit 5: latch unit 1 belongs to the PDI.
     pub const LATCH1_AT_PDI: u16 = 1 << 5;
-    /// Bits of 0x0980 that mean nothing.
+    /// Bits of 0x0980 without a meaning.
     pub const RESERVED: u16 = 0x00CE;
 
-    /// The SYNC unit belongs to the PDI: the SubDevice programs it, what the MainDevice writes to it from
-    /// 0x0981 on is ignored.
+    /// The SYNC unit belongs to the PDI: the SubDevice programs it, and writes of the MainDevice to
+    /// the unit from 0x0981 on are ignored.
     pub const fn unit_at_pdi(self) -> bool {
         self.0 & Self::UNIT_AT_PDI != 0
     }
@@ -150,11 +150,11 @@ impl AssignActivate {
     pub const fn activates(self) -> bool {
         self.activation().0 & (SyncActivation::ACTIVE | SyncActivation::AUTO) != 0
     }
-    /// The unit is on and makes SYNC0.
+    /// The unit is on and generates SYNC0.
     pub const fn makes_sync0(self) -> bool {
         self.activates() && self.activation().sync0()
     }
-    /// The unit is on and makes SYNC1.
+    /// The unit is on and generates SYNC1.
     pub const fn makes_sync1(self) -> bool {
         self.activates() && self.activation().sync1()
     }
@@ -178,8 +178,8 @@ impl fmt::Display for AssignActivate {
 mod tests {
     use super::*;
 
-    /// A captured ET1100 read 0x000000FD when its clock was ahead; newer texts have it the other
-    /// way round.
+    /// A captured ET1100 showed 0x000000FD when its clock was ahead; newer texts define the
+    /// opposite.
     #[test]
     fn the_sign_means_what_the_chip_says() {
         use DifferencePolarity::{NegativeAhead, PositiveAhead};
@@ -203,7 +203,8 @@ mod tests {
         assert!(AssignActivate(0x0200).activation().sync0());
     }
 
-    /// Every word of the field: unit on, SYNC0, SYNC1, unit, latch 0 and latch 1 at the PDI.
+    /// AssignActivate words of real devices: unit on, SYNC0, SYNC1, unit, latch 0 and latch 1 at
+    /// the PDI.
     #[test]
     fn words_of_the_field() {
         for (word, expected) in [

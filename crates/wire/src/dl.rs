@@ -1,4 +1,4 @@
-//! The data link layer: what the ports see.
+//! The data link layer: the state of the ports.
 
 use crate::address::PortNumber;
 use crate::register::newtype_value;
@@ -20,7 +20,7 @@ impl DlStatus {
     pub const fn link(self, port: PortNumber) -> bool {
         self.0 & 1 << (4 + port.index()) != 0
     }
-    /// Bits 8, 10, 12, 14: the loop at this port is closed, frames turn around here.
+    /// Bits 8, 10, 12, 14: the loop at this port is closed, so frames turn around here.
     pub const fn loop_closed(self, port: PortNumber) -> bool {
         self.0 & 1 << (8 + 2 * port.index()) != 0
     }
@@ -28,7 +28,7 @@ impl DlStatus {
     pub const fn communication(self, port: PortNumber) -> bool {
         self.0 & 1 << (9 + 2 * port.index()) != 0
     }
-    /// A port that frames leave through.
+    /// Whether frames leave through this port.
     pub const fn open(self, port: PortNumber) -> bool {
         self.communication(port) && !self.loop_closed(port)
     }

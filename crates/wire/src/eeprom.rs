@@ -12,7 +12,7 @@ impl EepromStatus {
     pub const WRITE_ENABLE: u16 = 1 << 0;
     /// Bit 5: the PDI emulates the EEPROM.
     pub const EMULATED: u16 = 1 << 5;
-    /// Bit 6: a read gives 8 bytes; else 4.
+    /// Bit 6: a read gives 8 bytes; otherwise 4.
     pub const READS_8_BYTES: u16 = 1 << 6;
     /// Bit 7: two address bytes.
     pub const TWO_ADDRESS_BYTES: u16 = 1 << 7;
@@ -39,7 +39,7 @@ impl EepromStatus {
     pub const fn busy(self) -> bool {
         self.0 & Self::BUSY != 0
     }
-    /// Bytes that a read gives.
+    /// Number of bytes that a read gives.
     pub const fn read_len(self) -> usize {
         if self.0 & Self::READS_8_BYTES != 0 { 8 } else { 4 }
     }

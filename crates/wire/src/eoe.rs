@@ -1,35 +1,35 @@
-//! EoE: Ethernet frames in the mailbox, and the settings of the port behind it. A message is a [`Header`] of four bytes;
-//! behind it stands a piece of a frame or a setting.
+//! EoE: Ethernet frames in the mailbox, and the settings of the port behind it. A message is a
+//! [`Header`] of four bytes, followed by a fragment of a frame or by a setting.
 
 /// Bytes of the header.
 pub const HEADER_LEN: usize = 4;
 
-/// What a message is, 4 bits. The code space is open.
+/// The kind of a message, 4 bits. The code space is open.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Kind(pub u8);
 
 impl Kind {
-    /// A piece of an Ethernet frame.
+    /// A fragment of an Ethernet frame.
     pub const FRAGMENT: Self = Self(0);
-    /// The address of the port is set (IP, MAC).
+    /// Sets the address of the port (IP, MAC).
     pub const SET_ADDRESS: Self = Self(2);
-    /// Whether it was set.
+    /// The outcome of setting the address.
     pub const ADDRESS_SET: Self = Self(3);
-    /// Filters of the port are set.
+    /// Sets the filters of the port.
     pub const SET_FILTER: Self = Self(4);
-    /// Whether they were set.
+    /// The outcome of setting the filters.
     pub const FILTER_SET: Self = Self(5);
-    /// The address of the port is asked for.
+    /// Asks for the address of the port.
     pub const READ_ADDRESS: Self = Self(6);
-    /// The address, or that there is none.
+    /// The address, or an outcome that there is none.
     pub const ADDRESS: Self = Self(7);
-    /// Filters of the port are asked for.
+    /// Asks for the filters of the port.
     pub const READ_FILTER: Self = Self(8);
-    /// The filters, or that there are none.
+    /// The filters, or an outcome that there are none.
     pub const FILTER: Self = Self(9);
 }
 
-/// What a setting came to. The code space is open.
+/// The outcome of a setting. The code space is open.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Outcome(pub u16);
 
@@ -47,11 +47,12 @@ impl Outcome {
 pub struct Header {
     /// Bits 3:0.
     pub kind: Kind,
-    /// Bits 7:4: which port; 0 for any.
+    /// Bits 7:4: the port; 0 for any.
     pub port: u8,
-    /// Bits 15:8: last fragment (bit 8), time appended (9) and asked for (10); the others are reserved.
+    /// Bits 15:8: last fragment (bit 8), time appended (9) and asked for (10); the others are
+    /// reserved.
     pub flags: u8,
-    /// Bits 31:16: place of a fragment, or an [`Outcome`].
+    /// Bits 31:16: the position of a fragment, or an [`Outcome`].
     pub word: u16,
 }
 
@@ -65,7 +66,7 @@ impl Header {
             word: u16::from_le_bytes([b[2], b[3]]),
         }
     }
-    /// The four bytes.
+    /// Writes the four bytes.
     pub const fn emit(self) -> [u8; HEADER_LEN] {
         let w = self.word.to_le_bytes();
         [self.kind.0 & 0x0F | self.port << 4, self.flags, w[0], w[1]]

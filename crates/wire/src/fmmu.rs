@@ -1,13 +1,13 @@
-//! A FMMU's registers: one mapping from logical bits to ESC memory.
+//! The registers of an FMMU: one mapping from logical bits to ESC memory.
 
 use crate::register::Value;
 
-/// Sixteen bytes at 0x0600 + 16 y.
+/// The sixteen bytes of FMMU y at 0x0600 + 16 y.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Fmmu {
     /// First logical byte.
     pub logical_start: u32,
-    /// Logical bytes touched, partial first and last ones included.
+    /// Number of logical bytes, including partial first and last ones.
     pub length: u16,
     /// First mapped bit of the first byte, 0..=7.
     pub logical_start_bit: u8,
@@ -21,17 +21,17 @@ pub struct Fmmu {
     pub kind: u8,
     /// Bit 0: active.
     pub activate: u8,
-    /// Reserved bytes, kept.
+    /// Reserved bytes, kept as received.
     pub reserved: [u8; 3],
 }
 
 impl Fmmu {
-    /// Kind of a FMMU that the MainDevice reads through.
+    /// Kind of an FMMU through which the MainDevice reads.
     pub const READ: u8 = 1;
-    /// Kind of a FMMU that the MainDevice writes through.
+    /// Kind of an FMMU through which the MainDevice writes.
     pub const WRITE: u8 = 2;
 
-    /// A byte-wise mapping, active.
+    /// An active byte-wise mapping.
     pub const fn bytes(logical_start: u32, length: u16, physical_start: u16, kind: u8) -> Self {
         Self {
             logical_start,
@@ -46,7 +46,7 @@ impl Fmmu {
         }
     }
 
-    /// Whether it maps anything.
+    /// Whether it is active and maps at least one byte.
     pub const fn is_active(&self) -> bool {
         self.activate & 1 != 0 && self.length > 0
     }

@@ -1,36 +1,36 @@
-//! FoE: file access in the mailbox. A message is a [`Header`] of six bytes; behind it stands a name (requests), data, or
-//! a text (errors, busy).
+//! FoE: file access in the mailbox. A message is a [`Header`] of six bytes, followed by a name
+//! (requests), by data, or by a text (errors, busy).
 
 use core::fmt;
 
 /// Bytes of the header.
 pub const HEADER_LEN: usize = 6;
 
-/// What a message is. The code space is open.
+/// The kind of a message. The code space is open.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Opcode(pub u8);
 
 impl Opcode {
-    /// A file is asked for.
+    /// Asks for a file.
     pub const READ: Self = Self(1);
-    /// A file is announced.
+    /// Announces a file.
     pub const WRITE: Self = Self(2);
-    /// A piece of the file.
+    /// A packet of the file.
     pub const DATA: Self = Self(3);
-    /// The piece was taken.
+    /// The packet was accepted.
     pub const ACK: Self = Self(4);
-    /// The transfer is over.
+    /// The transfer has failed.
     pub const ERROR: Self = Self(5);
-    /// The piece must be sent again later.
+    /// The packet must be sent again later.
     pub const BUSY: Self = Self(6);
 }
 
 /// The six bytes before the rest of a message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Header {
-    /// What it is.
+    /// The kind of the message.
     pub opcode: Opcode,
-    /// Password of a request, number of a piece, or an [`ErrorCode`].
+    /// Password of a request, number of a packet, or an [`ErrorCode`].
     pub number: u32,
 }
 
@@ -39,29 +39,29 @@ impl Header {
     pub const fn parse(b: &[u8; HEADER_LEN]) -> Self {
         Self { opcode: Opcode(b[0]), number: u32::from_le_bytes([b[2], b[3], b[4], b[5]]) }
     }
-    /// The six bytes.
+    /// Writes the six bytes.
     pub const fn emit(self) -> [u8; HEADER_LEN] {
         let n = self.number.to_le_bytes();
         [self.opcode.0, 0, n[0], n[1], n[2], n[3]]
     }
 }
 
-/// Why a transfer failed. The code space is open: unknown codes survive.
+/// The reason why a transfer failed. The code space is open, so unknown codes are kept.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct ErrorCode(pub u32);
 
 impl ErrorCode {
     /// Not defined.
     pub const NOT_DEFINED: Self = Self(0x8000);
-    /// There is no such file.
+    /// The file does not exist.
     pub const NOT_FOUND: Self = Self(0x8001);
-    /// The file can't be read or written.
+    /// The file cannot be read or written.
     pub const ACCESS_DENIED: Self = Self(0x8002);
-    /// A message that does not belong to a transfer.
+    /// The message does not belong to a transfer.
     pub const ILLEGAL: Self = Self(0x8004);
 }
 
-/// `FoE error 0x8001 (not found)`
+/// Prints `FoE error 0x8001 (not found)`.
 impl fmt::Display for ErrorCode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let meaning = match self.0 {

@@ -21,8 +21,8 @@ pub const ETHERCAT_HEADER_LEN: usize = 2;
 pub const MIN_LEN: usize = 60;
 /// Longest Ethernet frame without FCS and VLAN tag.
 pub const MAX_LEN: usize = 1514;
-/// Bytes that every frame takes on the wire besides its own: preamble and start delimiter (8), FCS (4)
-/// and the gap to the next one (12).
+/// Bytes that every frame takes on the wire in addition to its own: preamble and start delimiter
+/// (8), FCS (4) and the gap to the next frame (12).
 pub const WIRE_OVERHEAD: usize = 24;
 /// Time of one byte on the wire at 100 Mbit/s, ns.
 pub const BYTE_TIME_NS: u64 = 80;
@@ -32,7 +32,7 @@ pub const LOCALLY_ADMINISTERED: u8 = 0x02;
 /// The two bytes behind the EtherType.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct EthercatHeader {
-    /// Bytes of all datagrams, without this header, padding and FCS; 0..=2047.
+    /// Number of bytes of all datagrams, without this header, padding and FCS; 0..=2047.
     pub len: u16,
     /// Reserved bit 11, kept as received.
     pub reserved: bool,
@@ -41,7 +41,7 @@ pub struct EthercatHeader {
 }
 
 impl EthercatHeader {
-    /// Type of a frame that carries datagrams.
+    /// Type of a frame with datagrams.
     pub const DATAGRAMS: u8 = 1;
 
     /// Reads the two bytes.
@@ -50,37 +50,37 @@ impl EthercatHeader {
         Self { len: word & 0x07FF, reserved: word & 0x0800 != 0, kind: (word >> 12) as u8 }
     }
 
-    /// The two bytes.
+    /// Writes the two bytes.
     pub fn emit(self) -> [u8; 2] {
         (self.len & 0x07FF | u16::from(self.reserved) << 11 | u16::from(self.kind) << 12)
             .to_le_bytes()
     }
 }
 
-/// Why bytes are no frame of datagrams.
+/// Why bytes are not a frame of datagrams.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum FrameError {
-    /// Too short for the headers.
+    /// The bytes are too short for the headers.
     Short {
-        /// Bytes there are.
+        /// Number of bytes that exist.
         len: usize,
     },
-    /// Another protocol.
+    /// The frame has another protocol.
     EtherType(u16),
     /// An IPv4 packet, but not UDP to the port of EtherCAT.
     NotOurPort {
         /// Protocol in the IPv4 header, 17 for UDP.
         protocol: u8,
-        /// What stands in the place of the UDP destination port.
+        /// The value at the place of the UDP destination port.
         port: u16,
     },
     /// An EtherCAT frame without datagrams.
     Kind(u8),
-    /// The EtherCAT header promises more bytes than there are.
+    /// The EtherCAT header announces more bytes than exist.
     Length {
-        /// Bytes of datagrams promised.
+        /// Number of datagram bytes announced.
         promised: usize,
-        /// Bytes behind the EtherCAT header.
+        /// Number of bytes behind the EtherCAT header.
         found: usize,
     },
 }
@@ -105,24 +105,24 @@ impl fmt::Display for FrameError {
     }
 }
 
-/// Where a frame keeps what an ESC works on.
+/// The offsets of the parts of a frame that an ESC changes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Envelope {
     /// Offset of the first datagram.
     pub datagrams: usize,
-    /// Offset of the UDP checksum, in the UDP variant. An ESC changes the contents on the fly and so
-    /// clears it: zero means "not computed".
+    /// Offset of the UDP checksum, in the UDP variant. An ESC changes the contents on the fly and
+    /// therefore clears the checksum: zero means "not computed".
     pub udp_checksum: Option<usize>,
 }
 
-/// Where the datagrams of a frame start: behind the Ethernet header, a VLAN tag if there is one, IPv4
-/// and UDP headers if it is the UDP variant, and the EtherCAT header.
+/// Offset of the first datagram: behind the Ethernet header, the VLAN tag if there is one, the IPv4
+/// and UDP headers of the UDP variant, and the EtherCAT header.
 pub fn payload_offset(frame: &[u8]) -> Result<usize, FrameError> {
     envelope(frame).map(|envelope| envelope.datagrams)
 }
 
-/// Looks for datagrams in a frame as an ESC does: of the UDP variant it checks the protocol and the
-/// destination port only, at the places they have behind an IPv4 header without options.
+/// Looks for datagrams in a frame as an ESC does. For the UDP variant it checks only the protocol
+/// and the destination port, at their offsets behind an IPv4 header without options.
 pub fn envelope(frame: &[u8]) -> Result<Envelope, FrameError> {
     let short = FrameError::Short { len: frame.len() };
     let word =
@@ -169,14 +169,14 @@ pub fn payload(frame: &[u8]) -> Result<&[u8], FrameError> {
     frame.get(start..start + promised).ok_or(FrameError::Length { promised, found })
 }
 
-/// Time that a frame of `len` bytes (without FCS) takes from its first preamble bit to its last FCS
-/// bit, ns.
+/// Time on the wire of a frame of `len` bytes (without FCS), from its first preamble bit to its
+/// last FCS bit, ns.
 pub const fn duration_ns(len: usize) -> u64 {
     let len = if len < MIN_LEN { MIN_LEN } else { len };
     (len as u64 + 8 + 4) * BYTE_TIME_NS
 }
 
-/// Builds a frame of datagrams in a buffer of the caller.
+/// Builds a frame of datagrams in the caller's buffer.
 ///
 /// ```
 /// use isocat_wire::{Command, datagram::Address, frame::FrameWriter};
@@ -192,13 +192,13 @@ pub struct FrameWriter<'a> {
     last: Option<usize>,
 }
 
-/// The datagram does not fit into what is left of the frame.
+/// The datagram does not fit into the rest of the frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct FrameFull;
 
 impl<'a> FrameWriter<'a> {
-    /// An empty frame from `source` to everybody. `buffer` must hold [`MIN_LEN`] bytes at least; what
-    /// it holds beyond [`MAX_LEN`] is not used.
+    /// An empty broadcast frame from `source`. `buffer` must hold at least [`MIN_LEN`] bytes; bytes
+    /// beyond [`MAX_LEN`] are not used. Panics on a shorter buffer.
     pub fn new(buffer: &'a mut [u8], source: [u8; 6]) -> Self {
         let len = buffer.len().min(MAX_LEN);
         let buffer = &mut buffer[..len];
@@ -214,7 +214,7 @@ impl<'a> FrameWriter<'a> {
         self.end + datagram::HEADER_LEN + len + datagram::WKC_LEN <= self.buffer.len()
     }
 
-    /// Adds a datagram and gives the offset of its data in the frame.
+    /// Adds a datagram and returns the offset of its data in the frame.
     pub fn push(
         &mut self,
         command: Command,
@@ -245,7 +245,7 @@ impl<'a> FrameWriter<'a> {
         self.last.is_none()
     }
 
-    /// Writes the EtherCAT header and the padding; gives the length of the frame without FCS.
+    /// Writes the EtherCAT header and the padding. Returns the length of the frame without FCS.
     pub fn finish(self) -> usize {
         let start = ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN;
         let header = EthercatHeader {
@@ -329,7 +329,7 @@ mod tests {
             assert_eq!(envelope(&other), Err(error));
         }
         assert_eq!(envelope(&frame[..43]), Err(FrameError::Short { len: 43 }));
-        // Behind a VLAN tag all moves by four bytes.
+        // Behind a VLAN tag everything moves by four bytes.
         let mut tagged = [0; 78];
         tagged[12..14].copy_from_slice(&[0x81, 0x00]);
         tagged[16..].copy_from_slice(&frame[12..]);

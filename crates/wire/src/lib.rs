@@ -1,21 +1,22 @@
-//! EtherCAT on the wire: bytes, names and time scales. No behaviour.
+//! EtherCAT on the wire: bytes, names and time scales, without behaviour.
 //!
-//! From the outside to the inside, as a frame is unpacked:
+//! The modules follow a frame from the outside to the inside:
 //!
 //! 1. [`frame`]: the Ethernet and EtherCAT headers around the datagrams, a writer for frames;
 //! 2. [`datagram`] and [`command`]: one command in a frame, its [`address`], its working counter;
 //! 3. [`register`]: every ESC register as one constant of address, value type and width. The values
-//!    that have an inner structure live in [`al`], [`dl`], [`dc`], [`fmmu`], [`sync_manager`],
+//!    with an inner structure are in [`al`], [`dl`], [`dc`], [`fmmu`], [`sync_manager`],
 //!    [`eeprom`];
 //! 4. [`sii`]: the device's EEPROM image;
-//! 5. [`mailbox`] and [`coe`]: the acyclic channel and the object protocol in it; [`soe`], the parameters of drives;
-//!    [`foe`], [`eoe`] and [`aoe`], as far as a device needs them to answer that it has no files and no ports.
+//! 5. [`mailbox`] and [`coe`]: the acyclic channel and the object protocol in it; [`soe`], the
+//!    parameters of drives; [`foe`], [`eoe`] and [`aoe`], as far as a device needs them to answer
+//!    that it has no files and no ports.
 //!
-//! Beside them stands [`time`]: points on four clocks that must not be mixed.
+//! In addition there is [`time`]: points on six clocks that must not be mixed.
 //!
-//! Rules that hold everywhere in this crate: parsing never panics whatever the bytes; unknown codes
-//! survive; what was parsed emits the same bytes. Multi-byte fields are little-endian unless said
-//! otherwise.
+//! These rules hold everywhere in this crate. Parsing never panics, whatever the bytes. Unknown
+//! codes are kept, and parsed values are written as the same bytes. Multi-byte fields are
+//! little-endian unless stated otherwise.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -25,7 +25,7 @@ impl Protocol {
     /// Vendor specific.
     pub const VOE: Self = Self(15);
 
-    /// The bit by which SII word 0x1C announces it; 0 for one that is not announced there.
+    /// The bit by which SII word 0x1C announces the protocol; 0 if no bit does.
     pub const fn announcement(self) -> u16 {
         match self {
             Self::AOE => 1,
@@ -42,17 +42,18 @@ impl Protocol {
 /// The six bytes before a mailbox service.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Header {
-    /// Bytes of the service behind this header.
+    /// Number of bytes of the service behind this header.
     pub length: u16,
-    /// Station of the source (or of the destination, from the MainDevice); 0 is the MainDevice.
+    /// Station address of the source (of the destination, if the MainDevice sends); 0 is the
+    /// MainDevice.
     pub address: u16,
     /// Channel (bits 5:0) and priority (bits 7:6).
     pub channel: u8,
-    /// What the service is.
+    /// The protocol of the service.
     pub protocol: Protocol,
-    /// 1..=7, counts services of one direction; 0 switches the duplicate check off.
+    /// Counts the services of one direction, 1..=7; 0 switches the duplicate check off.
     pub counter: u8,
-    /// Reserved bit 7 of the last byte, kept.
+    /// Reserved bit 7 of the last byte, kept as received.
     pub reserved: bool,
 }
 
@@ -72,7 +73,7 @@ impl Header {
             reserved: b[5] & 0x80 != 0,
         }
     }
-    /// The six bytes.
+    /// Writes the six bytes.
     pub const fn emit(&self) -> [u8; HEADER_LEN] {
         let (l, a) = (self.length.to_le_bytes(), self.address.to_le_bytes());
         let last = self.protocol.0 & 0x0F | (self.counter & 7) << 4 | (self.reserved as u8) << 7;
@@ -90,31 +91,31 @@ pub const fn next_counter(counter: u8) -> u8 {
 pub struct ErrorDetail(pub u16);
 
 impl ErrorDetail {
-    /// Syntax of the six-byte header wrong.
+    /// The syntax of the six-byte header is wrong.
     pub const SYNTAX: Self = Self(1);
-    /// Protocol not supported.
+    /// The protocol is not supported.
     pub const UNSUPPORTED_PROTOCOL: Self = Self(2);
-    /// Channel field wrong.
+    /// The channel field is wrong.
     pub const INVALID_CHANNEL: Self = Self(3);
-    /// Service of the protocol not supported.
+    /// The service of the protocol is not supported.
     pub const SERVICE_NOT_SUPPORTED: Self = Self(4);
-    /// Header of the protocol wrong.
+    /// The header of the protocol is wrong.
     pub const INVALID_HEADER: Self = Self(5);
-    /// Data too short.
+    /// The data are too short.
     pub const SIZE_TOO_SHORT: Self = Self(6);
-    /// No memory.
+    /// There is no memory left.
     pub const NO_MEMORY: Self = Self(7);
-    /// Length of data inconsistent.
+    /// The length of the data is inconsistent.
     pub const INVALID_SIZE: Self = Self(8);
-    /// A service is in work.
+    /// A service is already being processed.
     pub const SERVICE_IN_WORK: Self = Self(9);
 
-    /// The four data bytes of the message.
+    /// Writes the four data bytes of the message.
     pub const fn emit(self) -> [u8; 4] {
         let d = self.0.to_le_bytes();
         [1, 0, d[0], d[1]]
     }
-    /// From the four data bytes of the message.
+    /// Reads the four data bytes of the message.
     pub const fn parse(b: &[u8; 4]) -> Self {
         Self(u16::from_le_bytes([b[2], b[3]]))
     }

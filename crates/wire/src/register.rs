@@ -1,4 +1,4 @@
-//! Every ESC register: address, value type and so its width in one constant.
+//! Every ESC register, as one constant of address and value type, which includes the width.
 //!
 //! Reading or writing a register with the wrong width does not compile:
 //!
@@ -21,13 +21,13 @@ use crate::sync_manager::SyncManager;
 
 /// A value of fixed width that registers hold.
 pub trait Value: Copy {
-    /// Its bytes, little-endian: `[u8; N]`.
+    /// Its bytes in little-endian order: `[u8; N]`.
     type Bytes: AsRef<[u8]> + AsMut<[u8]> + Default + Copy;
-    /// Bytes it takes.
+    /// Number of bytes.
     const LEN: usize;
-    /// From its bytes; total, unknown bits survive.
+    /// Reads the bytes. Every value is valid; unknown bits are kept.
     fn from_bytes(bytes: Self::Bytes) -> Self;
-    /// To its bytes.
+    /// Writes the bytes.
     fn to_bytes(self) -> Self::Bytes;
 }
 
@@ -43,7 +43,7 @@ macro_rules! integers {
 }
 integers! { u8 1; u16 2; u32 4; u64 8; i16 2; }
 
-/// Makes a newtype over an integer a register value.
+/// Implements a register value for a newtype over an integer.
 macro_rules! newtype_value {
     ($type:ident $integer:ident $len:literal) => {
         impl crate::register::Value for $type {
@@ -60,7 +60,7 @@ macro_rules! newtype_value {
 }
 pub(crate) use newtype_value;
 
-/// A register: its address and, in its type, the value it holds.
+/// A register: its address and, in its type, its value.
 #[derive(Debug)]
 pub struct Register<T> {
     /// Address in the ESC's memory.
@@ -82,7 +82,7 @@ impl<T> Register<T> {
 }
 
 impl<T: Value> Register<T> {
-    /// Bytes it takes.
+    /// Number of bytes.
     pub const LEN: usize = T::LEN;
 
     /// The value in these bytes.
@@ -90,21 +90,21 @@ impl<T: Value> Register<T> {
         T::from_bytes(*bytes)
     }
 
-    /// The addresses it covers.
+    /// The addresses that it covers.
     pub const fn range(self) -> core::ops::Range<usize> {
         self.address as usize..self.address as usize + T::LEN
     }
 
-    /// The value at this register's place in a memory image that starts at address 0.
-    /// Panics if the image ends before the register.
+    /// Reads this register in a memory image that starts at address 0. Panics if the image ends
+    /// before the register does.
     pub fn load(self, memory: &[u8]) -> T {
         let mut bytes = T::Bytes::default();
         bytes.as_mut().copy_from_slice(&memory[self.range()]);
         T::from_bytes(bytes)
     }
 
-    /// Puts the value at this register's place in a memory image that starts at address 0.
-    /// Panics if the image ends before the register.
+    /// Writes this register in a memory image that starts at address 0. Panics if the image ends
+    /// before the register does.
     pub fn store(self, memory: &mut [u8], value: T) {
         memory[self.range()].copy_from_slice(value.to_bytes().as_ref());
     }
@@ -130,7 +130,7 @@ registers! {
     0x0005 SM_COUNT: u8;
     /// Process RAM from 0x1000, KiB.
     0x0006 RAM_SIZE: u8;
-    /// Kind of each port, two bits a port: 0 none, 1 not configured, 2 EBUS, 3 MII.
+    /// Kind of each port, two bits for each port: 0 none, 1 not configured, 2 EBUS, 3 MII.
     0x0007 PORT_DESCRIPTOR: u8;
     /// Feature bits, see [`features`].
     0x0008 FEATURES: u16;
@@ -156,11 +156,11 @@ registers! {
     0x0108 PHYSICAL_OFFSET: u16;
     /// DL status: links, loops, communication at each port.
     0x0110 DL_STATUS: DlStatus;
-    /// AL control: the state the MainDevice asks for.
+    /// AL control: the state that the MainDevice asks for.
     0x0120 AL_CONTROL: AlControl;
-    /// AL status: the state the SubDevice is in.
+    /// AL status: the present state of the SubDevice.
     0x0130 AL_STATUS: AlStatus;
-    /// AL status code: why not.
+    /// AL status code: why the SubDevice refused or left a state.
     0x0134 AL_STATUS_CODE: AlStatusCode;
     /// RUN LED override.
     0x0138 RUN_LED: u8;
@@ -204,13 +204,13 @@ registers! {
     0x0410 WATCHDOG_TIME_PDI: u16;
     /// Process data watchdog time in divider units, 0 off.
     0x0420 WATCHDOG_TIME_PROCESS_DATA: u16;
-    /// Process data watchdog status: bit 0 running or off, 0 expired.
+    /// Process data watchdog status, bit 0: 1 running or off, 0 expired.
     0x0440 WATCHDOG_STATUS: u16;
     /// Process data watchdog expiries.
     0x0442 WATCHDOG_COUNTER_PROCESS_DATA: u8;
     /// PDI watchdog expiries.
     0x0443 WATCHDOG_COUNTER_PDI: u8;
-    /// EEPROM configuration: bit 0 offered to PDI, bit 1 take back by force.
+    /// EEPROM configuration: bit 0 offers it to the PDI, bit 1 takes it back by force.
     0x0500 EEPROM_CONFIGURATION: u8;
     /// EEPROM PDI access state.
     0x0501 EEPROM_PDI_ACCESS: u8;
@@ -228,17 +228,18 @@ registers! {
     0x0513 MII_PHY_REGISTER: u8;
     /// MII PHY data.
     0x0514 MII_DATA: u16;
-    /// MII management ECAT access state: bit 0, ECAT alone.
+    /// MII management ECAT access state: bit 0, only ECAT has access.
     0x0516 MII_ECAT_ACCESS: u8;
-    /// MII management PDI access state: bit 0, the PDI has it; bit 1, taken back by ECAT.
+    /// MII management PDI access state: bit 0, the PDI has access; bit 1, ECAT takes it back by
+    /// force.
     0x0517 MII_PDI_ACCESS: u8;
-    /// PHY status of ports 0 to 3, a byte a port.
+    /// PHY status of ports 0 to 3, one byte for each port.
     0x0518 PHY_STATUS: u32;
     /// FMMU 0; see [`fmmu`].
     0x0600 FMMU_0: Fmmu;
     /// SyncManager 0; see [`sync_manager`].
     0x0800 SM_0: SyncManager;
-    /// Receive time port 0, local time; writing any of its bytes latches all ports.
+    /// Receive time of port 0, local time; a write to any of its bytes latches all ports.
     0x0900 RECEIVE_TIME_0: u32;
     /// Receive time port 1, local time.
     0x0904 RECEIVE_TIME_1: u32;
@@ -246,7 +247,7 @@ registers! {
     0x0908 RECEIVE_TIME_2: u32;
     /// Receive time port 3, local time.
     0x090C RECEIVE_TIME_3: u32;
-    /// System time as ECAT sees it, ns; writing feeds the drift loop.
+    /// System time as ECAT sees it, ns; a write feeds the drift loop.
     0x0910 SYSTEM_TIME: u64;
     /// Receive time of the EPU, local time.
     0x0918 RECEIVE_TIME_EPU: u64;
@@ -278,7 +279,7 @@ registers! {
     0x098E SYNC0_STATUS: u8;
     /// SYNC1 status, acknowledge mode.
     0x098F SYNC1_STATUS: u8;
-    /// Written: start time; read: next SYNC0 pulse. System time, ns.
+    /// A write sets the start time; a read gives the next SYNC0 pulse. System time, ns.
     0x0990 SYNC_START_TIME: u64;
     /// Next SYNC1 pulse, system time, ns.
     0x0998 SYNC1_NEXT: u64;
@@ -310,7 +311,7 @@ registers! {
     0x09FC PDI_BUFFER_CHANGE_TIME: u32;
 }
 
-/// First of the chip's own registers: power-on values, product and vendor numbers.
+/// First of the chip-specific registers: power-on values, product and vendor numbers.
 pub const CHIP_SPECIFIC: u16 = 0x0E00;
 /// First address behind the registers with shadow buffers.
 pub const SHADOW_END: u16 = 0x0F80;
@@ -346,11 +347,11 @@ pub const fn sm_pdi_control(number: usize) -> Register<u8> {
 
 /// Bits of register 0x0008.
 pub mod features {
-    /// FMMUs work byte-wise only.
+    /// FMMUs map whole bytes only.
     pub const FMMU_BYTEWISE: u16 = 1 << 0;
     /// Distributed clocks: at least the receive times.
     pub const DC: u16 = 1 << 2;
-    /// DC counts 64 bits; else 32.
+    /// DC counts 64 bits; otherwise 32.
     pub const DC_64_BIT: u16 = 1 << 3;
     /// EBUS ports can receive with less jitter: 0x0100 bit 19.
     pub const LOW_JITTER_EBUS: u16 = 1 << 4;
@@ -374,7 +375,7 @@ pub mod al_event {
     pub const SYNC1: u32 = 1 << 3;
     /// The activation register of some SyncManager was written.
     pub const SM_ACTIVATION: u32 = 1 << 4;
-    /// EEPROM emulation: a command waits.
+    /// The EEPROM is emulated, and a command waits.
     pub const EEPROM: u32 = 1 << 5;
     /// The process data watchdog expired; cleared by reading 0x0440.
     pub const WATCHDOG: u32 = 1 << 6;

@@ -1,7 +1,8 @@
 //! The SII: the image in a SubDevice's EEPROM.
 //!
-//! A header of 64 words, then categories: word type, word length, data; ended by type 0xFFFF.
-//! [`Header`] and [`categories`] read an image, [`Writer`] makes one.
+//! A header of 64 words is followed by categories, each with a word for its type, a word for its
+//! length, and data; type 0xFFFF ends them. [`Header`] and [`categories`] read an image, [`Writer`]
+//! makes one.
 
 use core::fmt;
 
@@ -51,7 +52,7 @@ pub mod category {
     pub const RX_PDO: u16 = 51;
     /// DC operation modes.
     pub const DC: u16 = 60;
-    /// No category follows.
+    /// The end mark: no category follows.
     pub const END: u16 = 0xFFFF;
 }
 
@@ -113,7 +114,8 @@ impl Header {
     /// Protocol bit of SoE.
     pub const SOE: u16 = 1 << 4;
 
-    /// Reads the header; `None` if the image is shorter. The checksum is not judged: the ESC does.
+    /// Reads the header; `None` if the image is shorter. The checksum is not checked here, since
+    /// the ESC does so.
     pub fn parse(image: &[u8]) -> Option<Self> {
         let b: &[u8; HEADER_LEN] = image.first_chunk()?;
         let half = |word: usize| u16::from_le_bytes([b[2 * word], b[2 * word + 1]]);
@@ -144,7 +146,7 @@ pub struct Category<'a> {
     pub data: &'a [u8],
 }
 
-/// The categories end without an end mark.
+/// The image ends without an end mark of its categories.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Truncated {
     /// Word address at which the image ends too early.
@@ -184,7 +186,7 @@ pub fn categories(image: &[u8]) -> impl Iterator<Item = Result<Category<'_>, Tru
     })
 }
 
-/// String `number` (from 1) of a strings category.
+/// String `number` (from 1) of a strings category; `None` if there is no such string.
 pub fn string(data: &[u8], number: u8) -> Option<&[u8]> {
     let mut rest = data.get(1..)?;
     let count = *data.first()?;
@@ -199,7 +201,7 @@ pub fn string(data: &[u8], number: u8) -> Option<&[u8]> {
     rest.get(1..1 + len)
 }
 
-/// What a SyncManager is for, last byte of its record.
+/// The use of a SyncManager, the last byte of its record.
 pub mod sm_type {
     /// Not used.
     pub const UNUSED: u8 = 0;
@@ -216,7 +218,7 @@ pub mod sm_type {
 /// A SyncManager record: eight bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SmRecord {
-    /// Start, length, control.
+    /// Start address of the area.
     pub start: u16,
     /// Default length.
     pub length: u16,
@@ -245,19 +247,19 @@ impl SmRecord {
             kind: b[7],
         }
     }
-    /// The eight bytes.
+    /// Writes the eight bytes.
     pub const fn emit(&self) -> [u8; 8] {
         let (s, l) = (self.start.to_le_bytes(), self.length.to_le_bytes());
         [s[0], s[1], l[0], l[1], self.control, self.status, self.enable, self.kind]
     }
 }
 
-/// Head of a PDO in the categories 50 and 51: eight bytes, then eight for each entry.
+/// The head of a PDO in the categories 50 and 51: eight bytes, followed by eight for each entry.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct PdoRecord {
     /// PDO index.
     pub index: u16,
-    /// Entries that follow.
+    /// Number of entries that follow.
     pub entries: u8,
     /// SyncManager it is assigned to by default, 0xFF for none.
     pub sm: u8,
@@ -270,7 +272,7 @@ pub struct PdoRecord {
 }
 
 impl PdoRecord {
-    /// Bytes of the head and of each entry.
+    /// Length of the head, and of each entry, in bytes.
     pub const LEN: usize = 8;
     /// Reads the eight bytes.
     pub const fn parse(b: &[u8; 8]) -> Self {
@@ -283,7 +285,7 @@ impl PdoRecord {
             flags: u16::from_le_bytes([b[6], b[7]]),
         }
     }
-    /// The eight bytes.
+    /// Writes the eight bytes.
     pub const fn emit(&self) -> [u8; 8] {
         let (i, f) = (self.index.to_le_bytes(), self.flags.to_le_bytes());
         [i[0], i[1], self.entries, self.sm, self.sync_unit, self.name, f[0], f[1]]
@@ -301,7 +303,7 @@ pub struct PdoEntryRecord {
     pub name: u8,
     /// Low byte of the type code.
     pub data_type: u8,
-    /// Bits.
+    /// Length in bits.
     pub bits: u8,
     /// Flags.
     pub flags: u16,
@@ -319,14 +321,15 @@ impl PdoEntryRecord {
             flags: u16::from_le_bytes([b[6], b[7]]),
         }
     }
-    /// The eight bytes.
+    /// Writes the eight bytes.
     pub const fn emit(&self) -> [u8; 8] {
         let (i, f) = (self.index.to_le_bytes(), self.flags.to_le_bytes());
         [i[0], i[1], self.sub, self.name, self.data_type, self.bits, f[0], f[1]]
     }
 }
 
-/// Makes an image in a buffer of the caller: header first, then categories, then [`Writer::finish`].
+/// Makes an image in the caller's buffer: first the header, then the categories, then
+/// [`Writer::finish`].
 #[derive(Debug)]
 pub struct Writer<'a> {
     image: &'a mut [u8],
@@ -338,7 +341,8 @@ pub struct Writer<'a> {
 pub struct ImageFull;
 
 impl<'a> Writer<'a> {
-    /// Writes the header with its checksum. The rest of the buffer becomes 0xFF, as in an erased chip.
+    /// Writes the header with its checksum. The rest of the buffer becomes 0xFF, as in an erased
+    /// chip.
     pub fn new(image: &'a mut [u8], header: &Header) -> Result<Self, ImageFull> {
         if image.len() < HEADER_LEN {
             return Err(ImageFull);
@@ -372,7 +376,7 @@ impl<'a> Writer<'a> {
         Ok(Self { image, at: HEADER_LEN })
     }
 
-    /// Adds a category; odd data are padded with 0.
+    /// Adds a category; data of odd length are padded with 0.
     pub fn category(&mut self, kind: u16, data: &[u8]) -> Result<(), ImageFull> {
         let words = data.len().div_ceil(2);
         let end = self.at + 4 + 2 * words;
@@ -388,7 +392,7 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Writes the end mark; gives the bytes used.
+    /// Writes the end mark. Returns the number of bytes used.
     pub fn finish(self) -> Result<usize, ImageFull> {
         let end = self.at + 2;
         self.image.get_mut(self.at..end).ok_or(ImageFull)?.fill(0xFF);

@@ -1,8 +1,8 @@
-//! A SyncManager's registers.
+//! The registers of a SyncManager.
 
 use crate::register::Value;
 
-/// Eight bytes at 0x0800 + 8 y.
+/// The eight bytes of SyncManager y at 0x0800 + 8 y.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct SyncManager {
     /// First byte of the guarded area.
@@ -54,24 +54,24 @@ impl SyncManager {
     pub const ENABLE: u8 = 0x01;
     /// Activate bit 1: repeat request, toggled by the MainDevice.
     pub const REPEAT: u8 = 0x02;
-    /// Activate bit 6: note the time when ECAT exchanges a buffer (0x09F0).
+    /// Activate bit 6: record the time when ECAT exchanges a buffer (0x09F0).
     pub const LATCH_ECAT: u8 = 0x40;
-    /// Activate bit 7: note the time when the PDI opens (0x09F8) or exchanges (0x09FC) a buffer.
+    /// Activate bit 7: record the time when the PDI opens (0x09F8) or exchanges (0x09FC) a buffer.
     pub const LATCH_PDI: u8 = 0x80;
 
     /// A configuration as a MainDevice writes it.
     pub const fn new(start: u16, length: u16, control: u8, enable: bool) -> Self {
         Self { start, length, control, status: 0, activate: enable as u8, pdi_control: 0 }
     }
-    /// Enabled by the MainDevice.
+    /// Whether the MainDevice enabled it.
     pub const fn is_enabled(&self) -> bool {
         self.activate & Self::ENABLE != 0
     }
-    /// One buffer with handshake.
+    /// Whether it has one buffer with handshake.
     pub const fn is_mailbox(&self) -> bool {
         self.control & 0x03 == Self::CONTROL_MAILBOX
     }
-    /// The MainDevice writes, the PDI reads.
+    /// Whether the MainDevice writes and the PDI reads.
     pub const fn is_ecat_write(&self) -> bool {
         self.control & 0x0C == Self::CONTROL_ECAT_WRITES
     }

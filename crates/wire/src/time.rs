@@ -1,7 +1,7 @@
 //! Points in time on clocks that do not mix, and the spans between them.
 //!
-//! A point is a [`Time`] marked with the clock it was read from. Points wrap, as the counters they
-//! come from do; spans are signed. Two points of different clocks neither compare nor subtract:
+//! A point is a [`Time`] marked with the clock from which it was read. Points wrap, as the counters
+//! do; spans are signed. Two points of different clocks can be neither compared nor subtracted:
 //!
 //! ```compile_fail
 //! use isocat_wire::time::{Dc, Host, Time};
@@ -20,23 +20,23 @@ use core::fmt;
 use core::marker::PhantomData;
 use core::ops::{Add, AddAssign, Neg, Sub, SubAssign};
 
-/// A clock that points of time can be read from.
+/// A clock that gives points of time.
 pub trait Scale: Copy + Eq + Ord + 'static {
     /// The signed difference of two points of this clock.
     type Span: Copy + Into<i64> + From<i64>;
-    /// What the clock is called in messages.
+    /// The clock's name in messages.
     const NAME: &'static str;
 }
 
 /// The simulator's physical time, in picoseconds since the run began.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum True {}
-/// The oscillator of one SubDevice, in ns since power-on as that oscillator counts them: its ESC
-/// counts it in 10 ns ticks, its CPU runs on it. The drift loop does not touch it.
+/// The oscillator of one SubDevice, in ns since power-on as that oscillator counts them. The ESC
+/// counts it in 10 ns ticks, and the CPU runs on it. The drift loop does not change it.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Device {}
-/// The local time of one ESC, in ns: the counter that registers 0x0900 and 0x0918 show. Its speed is
-/// corrected by the drift loop.
+/// The local time of one ESC, in ns: the counter that registers 0x0900 and 0x0918 show. The drift
+/// loop corrects its speed.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Local {}
 /// System time: ns since 2000-01-01 00:00 UTC, the common time of a segment (register 0x0910).
@@ -45,7 +45,8 @@ pub enum Dc {}
 /// The MainDevice's own monotonic clock, in ns.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Host {}
-/// A time from outside the segment, in ns since 2000-01-01 00:00: that of another segment, or of a network.
+/// A time from outside the segment, in ns since 2000-01-01 00:00: that of another segment or of a
+/// network.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum External {}
 
@@ -69,7 +70,7 @@ pub struct Time<S: Scale>(u64, PhantomData<S>);
 impl<S: Scale> Time<S> {
     /// The clock's zero.
     pub const ZERO: Self = Self::new(0);
-    /// A point that no run reaches; for "never" in a minimum of due times.
+    /// A point that no run reaches; it stands for "never" in a minimum of due times.
     pub const NEVER: Self = Self::new(u64::MAX);
 
     /// The point at `count` units of the clock.
@@ -82,7 +83,7 @@ impl<S: Scale> Time<S> {
         self.0
     }
 
-    /// The signed way from `earlier` to this point, right as long as they are within half the range.
+    /// The signed span from `earlier` to this point; correct if they are within half the range.
     pub fn since(self, earlier: Self) -> S::Span {
         S::Span::from(self.0.wrapping_sub(earlier.0) as i64)
     }
@@ -114,7 +115,7 @@ impl<S: Scale> PartialEq for Time<S> {
     }
 }
 impl<S: Scale> Eq for Time<S> {}
-/// Ordered by count: right for clocks that do not wrap within a run (all 64-bit ones).
+/// Ordered by count, which is correct for clocks that do not wrap within a run (all 64-bit ones).
 impl<S: Scale> Ord for Time<S> {
     fn cmp(&self, other: &Self) -> core::cmp::Ordering {
         self.0.cmp(&other.0)
@@ -161,9 +162,9 @@ macro_rules! span {
         pub struct $span(pub i64);
 
         impl $span {
-            /// No time at all.
+            /// A span of zero.
             pub const ZERO: Self = Self(0);
-            /// The size without its sign.
+            /// The absolute value.
             pub const fn abs(self) -> Self {
                 Self(self.0.saturating_abs())
             }
@@ -219,7 +220,7 @@ span! {
 }
 
 impl Nanos {
-    /// A span from a register or object field of 32 bits, ns.
+    /// Converts a register or object field of 32 bits, ns.
     pub const fn from_u32(ns: u32) -> Self {
         Self(ns as i64)
     }
@@ -243,7 +244,7 @@ impl From<Nanos> for Picos {
     }
 }
 
-/// In the unit that reads best: `12 ns`, `3.5 us`, `1 ms`, `10 s`.
+/// Prints in the most readable unit: `12 ns`, `3.5 us`, `1 ms`, `10 s`.
 impl fmt::Display for Nanos {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let magnitude = self.0.unsigned_abs();

@@ -1,4 +1,4 @@
-//! Bytes of any form for the parsers of what comes in. The fuzz targets in `fuzz/` do the same.
+//! Arbitrary bytes for the parsers of received data. The fuzz targets in `fuzz/` do the same.
 
 mod checking;
 
@@ -18,7 +18,7 @@ proptest! {
         checking::sii(&bytes);
     }
 
-    /// An image of whole categories, cut anywhere.
+    /// An image of whole categories that is cut anywhere.
     #[test]
     fn images_that_are_cut(strings in bytes(), pdos in bytes(), cut in 0usize..1400) {
         let mut image = vec![0; 1400];

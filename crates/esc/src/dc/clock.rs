@@ -1,9 +1,9 @@
 //! The local clock: a counter of 10 ns ticks whose speed two dividers trim.
 //!
-//! One divider adds a nanosecond every `start - difference + 2` ticks, the other takes one away every
-//! `start + difference + 2` ticks. That is the published relation between the speed counter and the
-//! speed, difference / (5 (start + difference + 2) (start - difference + 2)), made of whole
-//! nanoseconds: single ticks of 9, 10 or 11 ns. Between two changes of speed both the clock and its
+//! One divider adds a nanosecond every `start - difference + 2` ticks; the other removes one every
+//! `start + difference + 2` ticks, so single ticks are 9, 10 or 11 ns long. In whole nanoseconds
+//! this is the published relation between the speed counter and the speed: difference / (5 (start +
+//! difference + 2) (start - difference + 2)). Between two changes of speed both the clock and its
 //! inverse are closed forms.
 
 use isocat_wire::Time;
@@ -24,13 +24,13 @@ pub(crate) struct Clock {
 }
 
 impl Clock {
-    /// A clock that shows `local` at `now` and runs at nominal speed.
+    /// A clock that shows `local` at `now` and runs at its nominal speed.
     pub fn new(local: u64, now: Time<Device>) -> Self {
         let divider = Divider::new(super::drift_loop::START, 0);
         Self { base: tick(now), local, gain: divider, loss: divider }
     }
 
-    /// Local time, ns in 64 bits. Before the last change of speed the nominal speed is assumed.
+    /// Local time in ns, 64 bits. Before the last change of speed the nominal speed is assumed.
     pub fn local(&self, at: Time<Device>) -> u64 {
         let tick = tick(at);
         match tick.checked_sub(self.base) {
@@ -39,17 +39,19 @@ impl Clock {
         }
     }
 
-    /// The first instant at or after `from` at which `span` ns of local time have passed since `from`;
-    /// the first tick not before `from` for a span of zero or less, never if no run lasts so long.
+    /// The first instant at or after `from` at which `span` ns of local time have passed since
+    /// `from`. For a span of zero or less it is the first tick not before `from`; it is never if no
+    /// run lasts that long.
     pub fn after(&self, from: Time<Device>, span: i64) -> Time<Device> {
         if span <= 0 {
             return ceil(from);
         }
         let from_tick = tick(from);
-        // From here on everything counts from `from`, so that the numbers are small.
+        // Counting from `from` keeps the numbers small.
         let clock = self.rebased(from_tick);
         let target = span as u64;
-        // Estimate with the mean speed, then correct: the dividers' phases are worth a few ticks.
+        // Estimate with the mean speed, then correct: the phases of the dividers shift it by a few
+        // ticks.
         let (plus, minus) = (u64::from(clock.gain.period), u64::from(clock.loss.period));
         let area = plus * minus;
         let speed = TICK * area + minus - plus;
@@ -60,7 +62,7 @@ impl Clock {
         if ticks > FAR {
             return Time::NEVER;
         }
-        // A tick is 9 to 11 ns, so most of the time one look tells.
+        // A tick is 9 to 11 ns, so one step is usually enough.
         let mut advance = clock.advance(ticks);
         while advance >= target && ticks > 0 {
             if advance - target < TICK - 1 {
@@ -79,8 +81,8 @@ impl Clock {
         Time::new((clock.base + ticks) * TICK)
     }
 
-    /// Another speed from `now` on, and the local time moved by `step` ns. The dividers keep their
-    /// phase: a new period counts from their next pulse on.
+    /// Sets another speed from `now` on, and moves the local time by `step` ns. The dividers keep
+    /// their phase: a new period counts from their next pulse on.
     pub fn adjust(&mut self, now: Time<Device>, start: u16, difference: i16, step: i64) {
         *self = self.rebased(tick(now));
         self.local = self.local.wrapping_add_signed(step);
@@ -88,7 +90,7 @@ impl Clock {
         self.loss.period = Divider::new(start, difference).period;
     }
 
-    /// The same clock counted from `tick` on; never from before its last change of speed.
+    /// The same clock counted from `tick` on, but not from before its last change of speed.
     fn rebased(&self, tick: u64) -> Self {
         let base = tick.max(self.base);
         let ticks = base - self.base;
@@ -116,7 +118,7 @@ impl Clock {
 struct Divider {
     /// Ticks between two pulses.
     period: u32,
-    /// Ticks from the base to the first pulse, 1 at least.
+    /// Ticks from the base to the first pulse, at least 1.
     left: u32,
 }
 
@@ -124,7 +126,8 @@ impl Divider {
     fn new(start: u16, difference: i16) -> Self {
         let start =
             i32::from(start.clamp(super::drift_loop::START_MIN, super::drift_loop::START_MAX));
-        // The drift loop keeps the difference below the start; 1 keeps any other caller sane.
+        // The drift loop keeps the difference below the start; the lower limit 1 guards against
+        // other callers.
         let period = (start + i32::from(difference) + 2).max(1) as u32;
         Self { period, left: period }
     }
@@ -147,7 +150,7 @@ impl Divider {
     }
 }
 
-/// Quotient and remainder; most spans fit 32 bits, which divide several times as fast.
+/// Quotient and remainder. Most spans fit into 32 bits, and these divide several times as fast.
 fn divide(number: u64, by: u32) -> (u64, u32) {
     match u32::try_from(number) {
         Ok(number) => (u64::from(number / by), number % by),

@@ -1,15 +1,16 @@
 //! The unpublished part of the drift loop: how a time difference acts on the clock.
 //!
-//! No data sheet tells it. What the public record admits (register texts, captures of real chips,
-//! figures of users) leaves two laws, [`DriftLaw::Hold`] and [`DriftLaw::Block`]; neither is known
-//! to be the chips' own, so what is claimed of synchronization should hold with both.
+//! No data sheet describes it. The public record (register texts, captures of real chips, figures
+//! of users) admits two laws, [`DriftLaw::Hold`] and [`DriftLaw::Block`]. Neither is known to be
+//! the law of a real chip, so a claim about synchronization should hold with both.
 //! [`DriftLaw::Proportional`] contradicts the record and is kept for comparison.
 //!
-//! Both admissible laws have two parts. The *speed* is corrected by what a difference grew from one
-//! received time to the next, a mean over about 2^(register 0x0935) of them, and lasts while no
-//! time is received. The *phase* is corrected by small steps of the local time, a share of the
-//! filtered difference at each received time. The speed is measured without these steps, so the two
-//! do not disturb each other, and no filter depth makes them unstable.
+//! Both admissible laws have two parts. The *speed* is corrected by the growth of the difference
+//! from one received time to the next, averaged over about 2^(register 0x0935) received times. The
+//! corrected speed stays in force while no time is received. The *phase* is corrected by small
+//! steps of the local time: at each received time a share of the filtered difference. The speed is
+//! measured without these steps, so the two parts do not disturb each other, and no filter depth
+//! makes them unstable.
 
 use core::fmt;
 use core::str::FromStr;
@@ -21,17 +22,17 @@ pub(super) const FRACTION: u32 = 20;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum DriftLaw {
     /// The change of the difference since the last received time corrects the mean speed by 1 /
-    /// 2^(0x0935) of it. Agrees with all that is public.
+    /// 2^(0x0935) of it. This law agrees with the whole public record.
     Hold {
-        /// A step of phase is the filtered difference over 2^`phase`, at a speed counter start of
-        /// 0x1000. The record admits 10 and 11.
+        /// A step of phase is the filtered difference divided by 2^`phase`, at a speed counter
+        /// start of 0x1000. The record admits 10 and 11.
         phase: u8,
     },
-    /// As `Hold`, but the speed changes once in 2^(0x0935) received times, by the whole of what was
-    /// measured since. Agrees with all that is public but one fine point: a single huge difference
-    /// leaves no trace.
+    /// As `Hold`, but the speed changes once in 2^(0x0935) received times, by all of the growth
+    /// measured since the last change. This law agrees with the public record except for one
+    /// detail: a single huge difference leaves no trace.
     Block {
-        /// As with `Hold`. The record admits 9 and 10.
+        /// As for `Hold`. The record admits 9 and 10.
         phase: u8,
     },
     /// A proportional and integral controller in which the mean of the applied difference is the
@@ -42,19 +43,20 @@ pub enum DriftLaw {
     /// mean   += (applied - mean) / 2^(speed counter filter depth)        (the filter of register 0x0935)
     /// ```
     ///
-    /// It locks far faster than the captured pair of ET1100 does, and is unstable at small depths
-    /// of 0x0935, where the data sheet recommends 0.
+    /// It locks far faster than the captured pair of ET1100 does. It is unstable at small values of
+    /// 0x0935, where the data sheet recommends 0.
     Proportional {
-        /// Speed counter difference for each ns of time difference, from a speed counter start of
-        /// 0x1000 on; below, where a unit is worth more, in proportion to the start.
+        /// Speed counter difference for each ns of time difference, at a speed counter start of
+        /// 0x1000 or more. Below that a unit is worth more, so the gain shrinks in proportion to
+        /// the start.
         gain: u16,
-        /// Largest time difference that steers, ns.
+        /// Largest time difference that is used for steering, ns.
         limit: u16,
     },
 }
 
 impl DriftLaw {
-    /// The law in use unless told otherwise.
+    /// The law that is used by default.
     pub const HOLD: Self = Self::Hold { phase: 10 };
     /// The other law that the record admits.
     pub const BLOCK: Self = Self::Block { phase: 9 };
@@ -66,7 +68,7 @@ impl DriftLaw {
         [("hold", Self::HOLD), ("block", Self::BLOCK), ("proportional", Self::PROPORTIONAL)];
 }
 
-/// `hold` or `hold 11`, with the law's parameters where they are not the usual ones.
+/// Prints `hold`, or `hold 11` if the parameter of the law is not the usual one.
 impl fmt::Display for DriftLaw {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some((name, _)) = Self::NAMED.iter().find(|(_, law)| law == self) {
@@ -80,7 +82,7 @@ impl fmt::Display for DriftLaw {
     }
 }
 
-/// Not the name of a law.
+/// The error for a string that is not the name of a law.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct UnknownDriftLaw;
 
@@ -101,20 +103,20 @@ impl FromStr for DriftLaw {
     }
 }
 
-/// What is known when a system time was received.
+/// What is known when a system time is received.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Received {
     /// Local copy less received time, ns: positive when the local copy is ahead.
     pub difference: i32,
-    /// The same after the filter of register 0x0934, with [`FRACTION`] fraction bits.
+    /// The difference after the filter of register 0x0934, with [`FRACTION`] fraction bits.
     pub filtered: i64,
-    /// Zero was written: a reset that MainDevices do, or a datagram that has not passed the
-    /// reference.
+    /// Zero was written: either a MainDevice resets the loop, or the datagram has not passed the
+    /// reference clock.
     pub zero: bool,
-    /// Time since the last one, or since register 0x0930 was written, ns by the device's
-    /// oscillator.
+    /// Time since the last received time, or since register 0x0930 was written, in ns of the
+    /// device's oscillator.
     pub interval: i64,
-    /// Nothing was received before since then.
+    /// This is the first time received since the loop was reset.
     pub first: bool,
     /// Register 0x0930, within 0x0080..=0x3FFF.
     pub start: u16,
@@ -124,29 +126,30 @@ pub(super) struct Received {
     pub speed_depth: u8,
 }
 
-/// What a law remembers.
+/// The state of a law.
 #[derive(Clone, Copy, Default, Debug)]
 pub(super) struct Steering {
     /// Speed counter difference in force, with [`FRACTION`] fraction bits.
     applied: i64,
-    /// Its mean, as register 0x0932 shows it, with [`FRACTION`] fraction bits.
+    /// Mean of the speed counter difference, as register 0x0932 shows it, with [`FRACTION`]
+    /// fraction bits.
     mean: i64,
-    /// Mean deviation of the clock's period that is taken off, 2^-60.
+    /// Mean deviation of the clock's period that the law corrects, 2^-60.
     speed: i64,
-    /// Steps of phase so far, ns.
+    /// Sum of the phase steps so far, ns.
     stepped: i64,
-    /// What is left of a step, with [`FRACTION`] fraction bits.
+    /// Remainder of the last step, with [`FRACTION`] fraction bits.
     rest: i64,
     /// Filtered difference without the steps, with [`FRACTION`] fraction bits.
     drifted: i64,
-    /// What of it has been counted as drift already, or was a jump.
+    /// The part of `drifted` that has already been counted as drift or was a jump.
     counted: i64,
-    /// Received times of this block, and how long it lasts, ns.
+    /// Number of received times in this block, and the length of the block in ns.
     block: (u32, i64),
 }
 
 impl Steering {
-    /// A system time was received. Gives the step of the local time, ns.
+    /// Handles a received system time. Returns the step of the local time, ns.
     pub fn follow(&mut self, law: DriftLaw, received: &Received) -> i64 {
         match law {
             DriftLaw::Hold { phase } => {
@@ -178,31 +181,32 @@ impl Steering {
         round(self.mean) as i16
     }
 
-    /// The difference is measured anew, the speed stays.
+    /// Restarts the measurement of the difference; the speed stays.
     pub fn forget_difference(&mut self) {
         (self.stepped, self.rest, self.drifted, self.counted) = (0, 0, 0, 0);
     }
 
-    /// The speed starts anew.
+    /// Restarts the speed.
     pub fn forget_speed(&mut self) {
         (self.applied, self.mean, self.speed, self.block) = (0, 0, 0, (0, 0));
     }
 
-    /// The filtered difference as it would be without steps of phase.
+    /// Updates the filtered difference as it would be without steps of phase.
     fn drift(&mut self, received: &Received) {
         let sample = (i64::from(received.difference) - self.stepped) << FRACTION;
         self.drifted += (sample - self.drifted) >> received.time_depth;
     }
 
-    /// Law `Hold`: what the difference grew since the last received time corrects the speed.
+    /// Law `Hold`: the growth of the difference since the last received time corrects the speed.
     fn hold(&mut self, received: &Received) {
         let interval = received.interval.clamp(1, LONGEST);
         let most = (interval * speed_at(range(received.start), received.start)) >> 20;
         let grown = (self.drifted - self.counted).clamp(-most, most);
         let rest = self.drifted - self.counted - grown;
-        // The grain of ticks and nibbles may be left for the next time. A jump is no drift, nor is
-        // the first difference. Without a filter what is left acts at once, and a nibble would make
-        // the loop overshoot: there all beyond ticks is a jump.
+        // A remainder of the size of ticks and nibbles may be left for the next time. A jump is not
+        // drift, and neither is the first difference. Without a filter the remainder acts at once,
+        // and a nibble would make the loop overshoot: there everything beyond ticks counts as a
+        // jump.
         let (grain, jump) = if received.speed_depth == 0 { (TICKS, TICKS) } else { (NIBBLE, JUMP) };
         let drifts = !received.first && rest.abs() <= jump;
         self.counted = self.drifted - if drifts { rest.clamp(-grain, grain) } else { 0 };
@@ -211,8 +215,8 @@ impl Steering {
         self.speed = (self.speed - (deviation >> received.speed_depth)).clamp(-limit, limit);
     }
 
-    /// Law `Block`: what the difference grew since the block began corrects the speed when the
-    /// block is full.
+    /// Law `Block`: when the block is full, the growth of the difference since its start corrects
+    /// the speed.
     fn block(&mut self, received: &Received) {
         if received.first {
             self.counted = self.drifted;
@@ -233,7 +237,7 @@ impl Steering {
         self.block = (0, 0);
     }
 
-    /// The whole speed counter difference that makes up for the mean deviation.
+    /// Applies the whole speed counter difference that compensates the mean deviation.
     fn apply_speed(&mut self, start: u16) {
         let limit = i64::from(range(start));
         let whole = counter_difference(self.speed, start).clamp(-limit, limit);
@@ -241,7 +245,7 @@ impl Steering {
         self.mean = self.applied;
     }
 
-    /// A share of the filtered difference is taken off at once, in whole ns.
+    /// Takes off a share of the filtered difference at once, in whole ns.
     fn step(&mut self, received: &Received, phase: u8) -> i64 {
         // More than 8 ms asks for the largest step anyway.
         let filtered = received.filtered.clamp(-(1 << 43), 1 << 43);
@@ -255,7 +259,7 @@ impl Steering {
 
     /// Law `Proportional`.
     fn proportional(&mut self, received: &Received, gain: i64, limit: i64) {
-        // Zeros are shown, not followed.
+        // A received zero is shown but not followed.
         if received.zero {
             return;
         }
@@ -268,9 +272,10 @@ impl Steering {
         self.mean += (self.applied - self.mean) >> received.speed_depth;
     }
 
-    /// What is steered lasts until the next time is received. Where those are so far apart that it
-    /// would correct more than the whole difference by then (a filter makes it answer as many
-    /// received times later), it is limited to that: else the loop would overshoot.
+    /// Limits the steering so that the loop does not overshoot. A correction lasts until the next
+    /// time is received. If received times are so far apart that it would correct more than the
+    /// whole difference by then, it is limited to the difference. A filter delays the answer by
+    /// several received times, which counts as a longer interval.
     ///
     /// A unit of difference D at a start of A - 2 changes the speed by (A² + D²) / (5 (A² - D²)²).
     fn patient(&self, wanted: i64, steering: i64, gain: i64, received: &Received) -> i64 {
@@ -289,27 +294,27 @@ impl Steering {
     }
 }
 
-/// Register 0x0932 reaches this far to both sides.
+/// The largest value of register 0x0932, in both directions.
 const fn range(start: u16) -> u16 {
     start - 0x7F
 }
 
-/// What a small speed counter difference changes the period by at this start, 2^-40: difference /
+/// The change of the period, 2^-40, by a small speed counter difference at this start: difference /
 /// (5 (start + 2)²).
 fn speed_at(difference: u16, start: u16) -> i64 {
     let a = i64::from(start) + 2;
     (i64::from(difference) << 40) / (5 * a * a)
 }
 
-/// What the largest speed counter difference changes the period by, 2^-60: R / (5 (A + R) (A - R))
-/// with R the range and A the start and 2.
+/// The change of the period, 2^-60, by the largest speed counter difference: R / (5 (A + R) (A -
+/// R)), where R is the range and A is the start + 2.
 fn fastest(start: u16) -> i64 {
     let (a, r) = (i64::from(start) + 2, i64::from(range(start)));
     ((r << 48) / (5 * (a + r) * (a - r))) << 12
 }
 
-/// The speed counter difference that changes the period by `speed`, 2^-60, to the nearest whole
-/// one: the published speed = D / (5 (A + D) (A - D)) solved for D.
+/// The whole speed counter difference that is nearest to changing the period by `speed`, 2^-60: the
+/// published speed = D / (5 (A + D) (A - D)) solved for D.
 ///
 /// D = 10 y A² / (1 + sqrt(1 + (10 y A)²)).
 fn counter_difference(speed: i64, start: u16) -> i64 {
@@ -321,24 +326,24 @@ fn counter_difference(speed: i64, start: u16) -> i64 {
     (fixed + (1 << 15)) >> 16
 }
 
-/// To the nearest whole number.
+/// Rounds to the nearest whole number.
 pub(super) const fn round(fixed: i64) -> i64 {
     (fixed + (1 << (FRACTION - 1))) >> FRACTION
 }
 
-/// More than this without a received time (17 s) counts as this, ns.
+/// A longer time without a received time counts as this, ns (17 s).
 const LONGEST: i64 = 1 << 34;
-/// Differences come in the ticks of two clocks: so much may be left over for the next received
-/// time, ns.
+/// Differences are multiples of the ticks of two clocks; this much may be left over for the next
+/// received time, ns.
 const TICKS: i64 = 32 << FRACTION;
-/// Frames on MII come by nibbles of 40 ns: so much may be left over where speeds are filtered, ns.
+/// MII transmits nibbles of 40 ns; this much may be left over where speeds are filtered, ns.
 const NIBBLE: i64 = 40 << FRACTION;
-/// More than this at once is no drift, ns. It is beyond two ticks of 10 ns and a nibble of 40 ns,
-/// by which frames on MII come: a law that took a nibble for a jump would learn no speed from
-/// frames that follow each other closely, since they drift by nibbles.
+/// A larger change at once is not drift, ns. The limit is beyond two ticks of 10 ns and a nibble of
+/// 40 ns, the grain of frames on MII. Frames that follow each other closely drift by nibbles: a law
+/// that took a nibble for a jump would learn no speed from them.
 const JUMP: i64 = 128 << FRACTION;
-/// The largest step of phase, ns. The record asks for no more than some limit between 8 ns and
-/// none.
+/// The largest step of phase, ns. The record only shows that the limit is 8 ns or more, or that
+/// there is none.
 const LARGEST_STEP: i64 = 100 << FRACTION;
 
 #[cfg(test)]
@@ -370,7 +375,7 @@ mod tests {
         assert_eq!(DriftLaw::Hold { phase: 11 }.to_string(), "hold 11");
     }
 
-    /// Whatever is received, nothing overflows.
+    /// No input makes the arithmetic overflow.
     #[test]
     fn any_input() {
         for (_, law) in DriftLaw::NAMED.into_iter().chain([("", DriftLaw::Hold { phase: 255 })]) {

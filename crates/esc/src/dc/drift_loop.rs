@@ -1,8 +1,8 @@
 //! The drift loop: what a received system time does to the clock.
 //!
-//! Published are the registers, the two filters, the limits of the speed counter difference and
-//! what it means for the speed (see `clock`). How a time difference becomes a speed counter
-//! difference is not: that is the [`DriftLaw`], a property of the chip.
+//! The registers are published, and so are the two filters, the limits of the speed counter
+//! difference and its effect on the speed (see `clock`). It is not published how a time difference
+//! becomes a speed counter difference. The [`DriftLaw`], a property of the chip, describes that.
 
 use isocat_wire::dc::{DifferencePolarity, SystemTimeDifference};
 use isocat_wire::time::{Device, Nanos, Time};
@@ -31,25 +31,26 @@ pub(crate) struct Settings {
 /// The state of the loop. Filters hold fixed-point numbers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DriftLoop {
-    /// Time difference as register 0x092C shows it, ns, if there was one since the reset.
+    /// Time difference as register 0x092C shows it, ns; `None` if no time was received since the
+    /// reset.
     shown: Option<i64>,
     /// Filtered time difference, ns.
     filtered: i64,
-    /// When a system time was received last, or when the loop began anew.
+    /// When a system time was last received, or when the loop was reset.
     since: Time<Device>,
-    /// Nothing was received since then.
+    /// No time was received since the loop was reset.
     first: bool,
     steering: Steering,
 }
 
 impl DriftLoop {
-    /// At rest from `now` on.
+    /// A loop at rest from `now` on.
     pub fn new(now: Time<Device>) -> Self {
         Self { shown: None, filtered: 0, since: now, first: true, steering: Steering::default() }
     }
 
-    /// A system time was received: the local copy is `difference` ns ahead of it, in 32 bits. Gives
-    /// the ns that the local time is to be moved by.
+    /// Handles a received system time: the local copy is `difference` ns ahead of it, in 32 bits.
+    /// Returns the ns by which the local time must move.
     pub fn follow(
         &mut self,
         now: Time<Device>,
@@ -80,19 +81,19 @@ impl DriftLoop {
         self.steering.follow(law, &received)
     }
 
-    /// Register 0x0930 was written: everything starts anew.
+    /// Register 0x0930 was written: the whole loop restarts.
     pub fn reset(&mut self, now: Time<Device>) {
         *self = Self::new(now);
     }
 
-    /// Register 0x0934 was written on a newer core: the time difference starts anew, the speed stays.
+    /// Register 0x0934 was written on a newer core: the time difference restarts, the speed stays.
     pub fn reset_time_filter(&mut self, now: Time<Device>) {
         (self.shown, self.filtered) = (None, 0);
         (self.since, self.first) = (now, true);
         self.steering.forget_difference();
     }
 
-    /// Register 0x0935 was written on a newer core: the mean speed starts anew.
+    /// Register 0x0935 was written on a newer core: the mean speed restarts.
     pub fn reset_speed_filter(&mut self) {
         self.steering.forget_speed();
     }

@@ -1,7 +1,8 @@
 //! The latch unit: system times of edges on the inputs LATCH0 and LATCH1.
 //!
-//! The pins are sampled once a tick: an edge is seen at the first tick at or after it and stamped with
-//! the system time of that tick, so up to 11 ns late. A pulse between two ticks is not seen.
+//! The pins are sampled once in each tick. An edge is seen at the first tick at or after it and is
+//! stamped with the system time of that tick, so up to 11 ns late. A pulse between two ticks is not
+//! seen.
 
 use core::ops::Range;
 
@@ -28,23 +29,23 @@ pub(crate) struct LatchUnit([Input; 2]);
 
 #[derive(Clone, Copy, Debug)]
 struct Input {
-    /// The pin as it was sampled last.
+    /// The level of the pin at the last sample.
     level: bool,
-    /// The tick that samples the other level; never, if the pin keeps its own.
+    /// The tick at which the other level is sampled; never if the pin keeps its level.
     change: Time<Device>,
     /// System time of the last stored positive and negative edge.
     times: [u64; 2],
-    /// Edges stored by a single event and not read yet: bit 0 positive, bit 1 negative.
+    /// Edges that were stored as a single event and not read yet: bit 0 positive, bit 1 negative.
     captured: u8,
 }
 
 impl LatchUnit {
-    /// Nothing stored, pins low.
+    /// The state at power-on: no edge is stored, the pins are low.
     pub const fn new() -> Self {
         Self([Input { level: false, change: Time::NEVER, times: [0; 2], captured: 0 }; 2])
     }
 
-    /// Nothing stored, pins as they are.
+    /// Clears the stored edges; the pins keep their level.
     pub fn reset(&mut self) {
         let Self(inputs) = *self;
         *self = Self::new();
@@ -65,8 +66,8 @@ impl LatchUnit {
         latch0.change.min(latch1.change)
     }
 
-    /// Samples what changed at the earliest due time, at which the system time is `system`. Whether a
-    /// time was stored.
+    /// Samples the pins that changed, at the earliest due time, when the system time is `system`.
+    /// Returns whether a time was stored.
     pub fn sample(&mut self, system: u64, registers: &Registers) -> bool {
         let now = self.due();
         let mut stored = false;
@@ -86,14 +87,15 @@ impl LatchUnit {
         stored
     }
 
-    /// The control registers were written: what is not a single event any more locks nothing.
+    /// Handles a write to the control registers: edges that are no longer single events lock
+    /// nothing.
     pub fn configure(&mut self, registers: &Registers) {
         for (number, input) in self.0.iter_mut().enumerate() {
             input.captured &= single_events(number, registers);
         }
     }
 
-    /// A side has read these [`times`]: the owner thereby frees them for the next single event.
+    /// Handles a read of these [`times`]: a read by the owner frees them for the next single event.
     pub fn acknowledge(&mut self, side: Side, times: u8, registers: &Registers) {
         for (number, input) in self.0.iter_mut().enumerate() {
             if owner(number, registers) == side {
@@ -102,23 +104,23 @@ impl LatchUnit {
         }
     }
 
-    /// Whether the side owns a unit with a stored single event: bit 0 of 0x0210, bit 1 of 0x0220.
+    /// Whether the side owns a unit with a stored single event: 0x0210 bit 0 or 0x0220 bit 1.
     fn event(&self, side: Side, registers: &Registers) -> bool {
         let mut inputs = self.0.iter().enumerate();
         inputs.any(|(number, input)| input.captured != 0 && owner(number, registers) == side)
     }
 
-    /// Its bit of the AL event request.
+    /// The bit of the AL event request (0x0220) that comes from here.
     pub fn al_events(&self, registers: &Registers) -> u32 {
         if self.event(Side::Pdi, registers) { al_event::LATCH } else { 0 }
     }
 
-    /// Its bit of the ECAT event request.
+    /// The bit of the ECAT event request (0x0210) that comes from here.
     pub fn ecat_events(&self, registers: &Registers) -> u16 {
         u16::from(self.event(Side::Ecat, registers))
     }
 
-    /// Brings the status registers up to date.
+    /// Updates the status registers.
     pub fn show(&self, registers: &mut Registers) {
         let status = |input: &Input| input.captured | u8::from(input.level) << 2;
         registers.store(register::LATCH0_STATUS, status(&self.0[0]));
@@ -132,7 +134,7 @@ impl LatchUnit {
     }
 }
 
-/// The edges of an input that are single events, as bits like those of its status.
+/// The edges of an input that are captured as single events, as bits like those of its status.
 fn single_events(number: usize, registers: &Registers) -> u8 {
     let control = [register::LATCH0_CONTROL, register::LATCH1_CONTROL][number];
     registers.load(control) & 0x03
@@ -143,8 +145,8 @@ fn owner(number: usize, registers: &Registers) -> Side {
     if pdi { Side::Pdi } else { Side::Ecat }
 }
 
-/// The time registers whose first byte lies in a range that is read: bit 0 for 0x09B0, to bit 3 for
-/// 0x09C8. Reading the first byte counts, since the others belong to the same moment.
+/// The time registers whose first byte lies in a range that is read: bit 0 stands for 0x09B0, bit 3
+/// for 0x09C8. Only the first byte counts, since the others belong to the same moment.
 pub(crate) fn times(range: &Range<u16>) -> u8 {
     let bit =
         |(number, time): (usize, &Register<u64>)| u8::from(range.contains(&time.address)) << number;

@@ -1,4 +1,5 @@
-//! The DC unit: local and system time, receive times, the drift loop, the SYNC and the latch unit.
+//! The DC unit: local and system time, receive times, the drift loop, the SYNC unit and the latch
+//! unit.
 
 pub(crate) mod clock;
 pub(crate) mod drift_law;
@@ -32,9 +33,9 @@ pub(crate) struct DcUnit {
     pub sync: SyncUnit,
     /// The latch unit.
     pub latch: LatchUnit,
-    /// Register 0x0920 as it is in force.
+    /// Register 0x0920 in force.
     offset: u64,
-    /// Register 0x0928 as it is in force.
+    /// Register 0x0928 in force.
     delay: u32,
     /// Register 0x0918.
     receive_epu: u64,
@@ -46,19 +47,19 @@ pub(crate) struct DcUnit {
     enhanced: bool,
 }
 
-/// What lies between the arrivals at ports 1-3 and their registers.
+/// The state between the arrivals at ports 1-3 and their registers.
 #[derive(Clone, Copy)]
 struct PortStamps {
-    /// Time stamps that no register shows yet, for reverse mode (0x0936).
+    /// Time stamps that no register shows yet; reverse mode (0x0936) may need them.
     hidden: [Option<u32>; 3],
-    /// The start of the last frame that latched.
+    /// The start of the last frame that latched receive times.
     latched: Time<Device>,
-    /// Ports that stamp the next frame, bit 0 for port 1: see [`Chip::stamps_next_frame`].
+    /// Ports that stamp the next frame; bit 0 is port 1. See [`Chip::stamps_next_frame`].
     enabled: u8,
 }
 
 impl DcUnit {
-    /// At power-on: the local time is `local` at `now`.
+    /// A unit at power-on, whose local time is `local` at `now`.
     pub fn new(chip: &Chip, local: u64, now: Time<Device>) -> Self {
         Self {
             clock: Clock::new(local, now),
@@ -78,7 +79,7 @@ impl DcUnit {
         }
     }
 
-    /// A reset at `now`: all but what the world outside determines, which are the pins, and the law
+    /// A reset at `now`. It keeps the levels of the pins, which are set from outside, and the law
     /// of the drift loop.
     pub fn restart(&mut self, chip: &Chip, local: u64, now: Time<Device>) {
         let (mut latch, law) = (self.latch, self.law);
@@ -86,19 +87,19 @@ impl DcUnit {
         *self = Self { latch, law, ..Self::new(chip, local, now) };
     }
 
-    /// Another law of the drift loop than the chip's.
+    /// Replaces the drift law of the chip.
     pub fn set_drift_law(&mut self, law: DriftLaw) {
         self.law = law;
     }
 
-    /// Reset values of its registers.
+    /// Writes the reset values of its registers.
     pub fn reset_registers(&self, registers: &mut Registers) {
         registers.store(register::SPEED_COUNTER_START, drift_loop::START);
         registers.store(register::TIME_FILTER_DEPTH, drift_loop::TIME_FILTER_DEPTH);
         registers.store(register::SPEED_FILTER_DEPTH, drift_loop::SPEED_FILTER_DEPTH);
     }
 
-    /// What 0x0900 shows, in the width of the counter.
+    /// The local time as 0x0900 shows it, in the width of the counter.
     pub fn local_time(&self, at: Time<Device>) -> Time<Local> {
         Time::new(self.narrow(self.clock.local(at)))
     }
@@ -115,7 +116,7 @@ impl DcUnit {
         self.clock.after(from, ahead)
     }
 
-    /// A frame arrived at a port whose receive times are wanted.
+    /// A frame arrived at a port that records receive times.
     pub fn receive_at_port(
         &mut self,
         port: PortNumber,
@@ -140,7 +141,7 @@ impl DcUnit {
         registers.store(RECEIVE_TIMES[port.index()], stamp);
     }
 
-    /// Whether this port stamps the next frame that arrives there, whatever is in it.
+    /// Whether this port stamps the next frame that arrives there, whatever the frame contains.
     pub fn awaits_frame(&self, port: PortNumber) -> bool {
         port != PortNumber::P0 && self.ports.enabled & 1 << (port.index() - 1) != 0
     }
@@ -159,7 +160,7 @@ impl DcUnit {
         }
     }
 
-    /// Takes over what a good frame wrote; it arrived at `start` and ended at `end`.
+    /// Applies what a good frame wrote; the frame arrived at `start` and ended at `end`.
     pub fn end_frame(
         &mut self,
         (start, end): (Time<Device>, Time<Device>),
@@ -186,8 +187,8 @@ impl DcUnit {
         }
     }
 
-    /// Settings of the system time (0x0920-0x0935) were written, as far as `touched` tells, and are
-    /// in force in `registers`.
+    /// Applies settings of the system time (0x0920-0x0935) that were written and are in force in
+    /// `registers`; `touched` tells which.
     pub fn set_time_unit(
         &mut self,
         now: Time<Device>,
@@ -200,7 +201,8 @@ impl DcUnit {
             self.drift.reset(now);
             self.adjust(now, 0, registers);
         } else if self.enhanced && touched(0x0934..0x0936) {
-            // Newer cores do this. No register names them; the enhanced SYNC activation came with them.
+            // Newer cores do this. No register identifies them; they appeared with the enhanced
+            // SYNC activation.
             if touched(0x0934..0x0935) {
                 self.drift.reset_time_filter(now);
             }
@@ -223,7 +225,7 @@ impl DcUnit {
         }
     }
 
-    /// The activation register or the start time was written.
+    /// Handles a write to the activation register or the start time.
     pub fn activate(
         &mut self,
         now: Time<Device>,
@@ -240,7 +242,7 @@ impl DcUnit {
     pub fn fire(&mut self, registers: &Registers) -> Option<sync::Output> {
         let now = self.sync.due();
         if self.sync.is_rough() {
-            // Not due yet: it is near now, and placed.
+            // The pulse is not due yet, but near: its due time can be placed exactly now.
             self.reschedule(now);
             return None;
         }
@@ -252,7 +254,7 @@ impl DcUnit {
         output
     }
 
-    /// The pin of a latch input has this level from `at` on.
+    /// Sets the pin of a latch input to this level from `at` on.
     pub fn set_latch_input(
         &mut self,
         input: LatchInput,
@@ -271,7 +273,7 @@ impl DcUnit {
         self.latch.sample(self.system(self.latch.due()), registers)
     }
 
-    /// A received system time steers the drift loop.
+    /// Steers the drift loop by a received system time.
     fn follow(
         &mut self,
         start: Time<Device>,
@@ -283,8 +285,8 @@ impl DcUnit {
         self.compare((start, end), copy, |address| shadow.byte(address), registers);
     }
 
-    /// A frame that arrived at `start` and ended at `end` brought these lower four bytes of the system time, and wrote nothing
-    /// else: what [`Self::end_frame`] makes of it.
+    /// Handles a frame that brought these lower four bytes of the system time and wrote nothing
+    /// else. It arrived at `start` and ended at `end`. The result is that of [`Self::end_frame`].
     pub fn follow_whole(
         &mut self,
         (start, end): (Time<Device>, Time<Device>),
@@ -296,8 +298,8 @@ impl DcUnit {
         self.compare((start, end), copy, byte, registers);
     }
 
-    /// The PDI has written a system time of another segment: it belongs to the last positive edge
-    /// of LATCH0, which both segments have seen. See [`Chip::system_time_by_pdi`].
+    /// Handles a system time of another segment that the PDI has written. It belongs to the last
+    /// positive edge of LATCH0, which both segments have seen. See [`Chip::system_time_by_pdi`].
     pub fn follow_latch(
         &mut self,
         now: Time<Device>,
@@ -309,7 +311,7 @@ impl DcUnit {
         self.compare((now, now), edge as u32, byte, registers);
     }
 
-    /// Compares the own time `copy` with the one that was written at `at`, and steers from `from`
+    /// Compares the own time `copy` with the time that was written at `at`, and steers from `from`
     /// on.
     fn compare(
         &mut self,
@@ -318,7 +320,7 @@ impl DcUnit {
         written: impl Fn(u16) -> Option<u8>,
         registers: &mut Registers,
     ) {
-        // Bytes that were not written agree with the own time.
+        // Bytes that were not written are taken from the own time.
         let mut received = copy.to_le_bytes();
         for (address, byte) in (0x0910..).zip(&mut received) {
             *byte = written(address).unwrap_or(*byte);
@@ -334,8 +336,8 @@ impl DcUnit {
         self.adjust(from, step, registers);
     }
 
-    /// Moves the local time by `step` ns and gives the clock the speed that the drift loop wants
-    /// from `now` on.
+    /// Moves the local time by `step` ns. From `now` on the clock runs at the speed that the drift
+    /// loop asks for.
     fn adjust(&mut self, now: Time<Device>, step: i64, registers: &mut Registers) {
         let start = registers.load(register::SPEED_COUNTER_START);
         registers.store(register::SYSTEM_TIME_DIFFERENCE, self.drift.difference(self.polarity));
@@ -344,7 +346,7 @@ impl DcUnit {
         self.reschedule(now);
     }
 
-    /// Places the SYNC unit's due times anew after the clock changed or a pulse was given.
+    /// Places the due times of the SYNC unit again after the clock changed or a pulse was given.
     fn reschedule(&mut self, now: Time<Device>) {
         let system = self.system(now);
         let clock = &self.clock;
@@ -356,7 +358,7 @@ impl DcUnit {
         self.clock.local(at).wrapping_add(self.offset)
     }
 
-    /// Cuts to the width of the counter.
+    /// Cuts a time to the width of the counter.
     pub fn narrow(&self, time: u64) -> u64 {
         if self.wide { time } else { time & 0xFFFF_FFFF }
     }

@@ -1,8 +1,8 @@
 //! The DC registers as a side reads them.
 //!
 //! Times of 64 bits are consistent however many accesses read them: the upper bytes belong to the
-//! moment in which the same side read the first one. System time is different on the wire, where all
-//! datagrams of a frame see the time of the frame's start.
+//! moment at which the same side read the first byte. System time is different on the wire, where
+//! all datagrams of a frame see the time of the frame's start.
 
 use core::ops::Range;
 
@@ -13,10 +13,10 @@ use super::{DcUnit, latch};
 use crate::memory::Registers;
 use crate::sync_manager::Side;
 
-/// Running times as each side last read the first bytes of them, in the order of [`Slot`].
+/// The running times when each side last read their first bytes, in the order of [`Slot`].
 pub(crate) type Held = [[u64; 8]; 2];
 
-/// A running time; the latch times follow the last.
+/// A running time. The latch times follow behind the last of these.
 #[derive(Clone, Copy)]
 enum Slot {
     System,
@@ -27,8 +27,8 @@ enum Slot {
 }
 
 impl DcUnit {
-    /// Brings the registers in `range`, which a side is about to read, up to date. `now` is the instant
-    /// of a PDI access, or the start of the frame.
+    /// Updates the registers in `range` before a side reads them. `now` is the instant of a PDI
+    /// access, or the start of the frame.
     pub fn show(
         &mut self,
         side: Side,
@@ -56,7 +56,7 @@ impl DcUnit {
         }
         if overlaps(0x0984, 0x09A0) {
             self.sync.show(now, registers);
-            // At rest the start time is what was written.
+            // While the unit is at rest the register keeps the start time that was written.
             let (sync0, sync1) = self.sync.next_pulses(registers);
             if let Some(next) = sync0 {
                 let (time, slot) = (register::SYNC_START_TIME, Slot::Start as usize);

@@ -1,8 +1,8 @@
 //! The SYNC unit: SYNC0 and SYNC1 pulses at system times.
 //!
-//! Times in here are local time plus offset in 64 bits whatever the width of the counter: on a 32-bit
-//! ESC a start time is placed into them at activation, so that later only one kind of arithmetic is
-//! needed.
+//! Times in this file are local time plus offset in 64 bits, whatever the width of the counter. On
+//! a 32-bit ESC a start time is extended to 64 bits at activation, so that one kind of arithmetic
+//! is enough afterwards.
 
 use isocat_wire::Time;
 use isocat_wire::dc::{ActivationStatus, SyncActivation};
@@ -21,19 +21,19 @@ pub(crate) enum Output {
     Sync1,
 }
 
-/// Where an activation happens.
+/// Where an activation happens, in time and on which kind of ESC.
 pub(crate) struct Start {
     /// The instant.
     pub now: Time<Device>,
-    /// The system time then, in 64 bits.
+    /// The system time at `now`, in 64 bits.
     pub system: u64,
-    /// 64-bit counter.
+    /// The ESC has a 64-bit counter.
     pub wide: bool,
     /// Bits 7:3 of 0x0981 exist.
     pub enhanced: bool,
 }
 
-/// Which bytes of the start time were written that count on their own.
+/// Which of the bytes that complete a start time were written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct StartWritten {
     /// Byte 0x0993, the last one of 32 bits.
@@ -51,14 +51,14 @@ pub(crate) struct SyncUnit {
     /// The start time as written; while the unit runs, its register shows the next pulse.
     start: u64,
     implausible: bool,
-    /// Register 0x0981 as it was taken over last.
+    /// Register 0x0981 when it was last applied.
     enabled: u8,
-    /// Debug pulses that wait, and since when.
+    /// Debug pulses that wait, and the instant since which they wait.
     debug: u8,
     debug_at: Time<Device>,
     /// See [`SyncUnit::without_edge`].
     without_edge: [u32; 2],
-    /// The due time of SYNC0 is no later than its pulse, and may be earlier.
+    /// The due time of SYNC0 may be earlier than its pulse; it is never later.
     rough: bool,
 }
 
@@ -69,7 +69,7 @@ struct Train {
     next: Option<u64>,
     /// The instant of it.
     due: Time<Device>,
-    /// System time of the last one, given out or not.
+    /// System time of the last pulse, whether or not it made an edge.
     last: Option<u64>,
     /// The first pulse of an enabled output is still to come.
     pending: bool,
@@ -81,7 +81,8 @@ impl Train {
     const REST: Self =
         Self { next: None, last: None, due: Time::NEVER, pending: false, until: Time::ZERO };
 
-    /// A pulse begins; whether that is an edge. Length 0: until acknowledged.
+    /// Begins a pulse and returns whether that is an edge. With length 0 the signal stays active
+    /// until it is acknowledged.
     fn raise(&mut self, now: Time<Device>, length: u16) -> bool {
         let edge = now >= self.until;
         self.until = match length {
@@ -97,7 +98,7 @@ impl Train {
 }
 
 impl SyncUnit {
-    /// At rest.
+    /// A unit at rest.
     pub const fn new() -> Self {
         Self {
             active: false,
@@ -113,15 +114,15 @@ impl SyncUnit {
         }
     }
 
-    /// The activation register or the start time was written; both are already in force in
+    /// Handles a write to the activation register or the start time; both are already in force in
     /// `registers`.
     pub fn activate(&mut self, at: Start, written: StartWritten, registers: &mut Registers) {
         let mut bits = registers.load(register::SYNC_ACTIVATION).0;
         if !at.enhanced {
             bits &= 0x07;
         }
-        // A start of 64 bits is whole with its last byte; one of 32 bits, or one that is extended,
-        // with its fourth.
+        // A start time of 64 bits is complete with its last byte. One of 32 bits, or one that is
+        // extended, is complete with its fourth.
         let extends = at.wide && bits & SyncActivation::EXTEND != 0;
         let whole = if at.wide && !extends { written.upper } else { written.lower };
         if extends && written.lower && !self.active {
@@ -141,7 +142,7 @@ impl SyncUnit {
         if active && !self.active {
             self.start(&at, bits, registers);
         } else if active {
-            // An output that is enabled late waits for its first pulse as well.
+            // An output that is enabled later also waits for its first pulse.
             let enabled = bits & !self.enabled;
             self.sync0.pending |= enabled & SyncActivation::SYNC0 != 0;
             self.sync1.pending |= enabled & SyncActivation::SYNC1 != 0;
@@ -156,7 +157,7 @@ impl SyncUnit {
     fn start(&mut self, at: &Start, bits: u8, registers: &Registers) {
         let written = registers.load(register::SYNC_START_TIME);
         self.start = written;
-        // How far ahead the start lies, in the width that counts.
+        // How far ahead the start lies, in the width of the counter.
         let ahead = written.wrapping_sub(at.system);
         let ahead = if at.wide { ahead } else { u64::from(ahead as u32) };
         let near =
@@ -165,7 +166,7 @@ impl SyncUnit {
         let at_once = self.implausible && bits & SyncActivation::PLAUSIBILITY != 0;
         let first = match ahead {
             _ if at_once => Some(at.system),
-            // In the past of a 64-bit counter: reached again in centuries.
+            // For a 64-bit counter the start lies in the past: it comes again in centuries.
             ahead if ahead >= 1 << 63 => None,
             ahead => Some(at.system.wrapping_add(ahead)),
         };
@@ -174,13 +175,13 @@ impl SyncUnit {
         self.sync1 = Train { pending: pending(SyncActivation::SYNC1), ..Train::REST };
     }
 
-    /// The offset was changed and the system time has jumped to `system`. Pulses that it jumped over
-    /// are missed.
+    /// Handles a change of the offset by which the system time jumped to `system`. Pulses that it
+    /// jumped over are missed.
     pub fn jump(&mut self, now: Time<Device>, cycle: u64, system: u64, wide: bool) {
         if let Some(next) = self.sync0.next {
             let behind = system.wrapping_sub(next) as i64;
             if behind > 0 && self.sync0.due > now {
-                // A start that was jumped over comes again when the counter has gone round.
+                // A start that was jumped over comes again when the counter has wrapped.
                 let round = if wide { 0 } else { 1 << 32 };
                 let step = if self.sync0.last.is_some() && cycle > 0 { cycle } else { round };
                 self.sync0.next = (step > 0)
@@ -195,8 +196,8 @@ impl SyncUnit {
         }
     }
 
-    /// Places the due times, `instant` being the first instant at which the system time has reached its
-    /// argument.
+    /// Places the due times. `instant` returns the first instant at which the system time has
+    /// reached its argument.
     pub fn schedule(&mut self, instant: impl Fn(u64) -> Time<Device>) {
         self.rough = false;
         if self.active {
@@ -205,8 +206,9 @@ impl SyncUnit {
         }
     }
 
-    /// Behind a pulse of SYNC0 at `now`, when the system time is `system`: the next one is not looked for before it is near.
-    /// As a rule a drift frame comes first, and moves it. `false`: its due time has to be placed now.
+    /// Places the due time behind a SYNC0 pulse at `now`, when the system time is `system`, only
+    /// roughly: the exact search waits until the next pulse is near. As a rule a drift frame comes
+    /// first and moves the pulse. `false`: the due time must be placed exactly now.
     pub fn schedule_roughly(&mut self, now: Time<Device>, system: u64) -> bool {
         let Some(next) = self.sync0.next.filter(|_| self.active && self.sync1.next.is_none())
         else {
@@ -215,7 +217,7 @@ impl SyncUnit {
         let ahead = next.wrapping_sub(system);
         let is_near = !(NEAR..FAR).contains(&ahead);
         if !is_near {
-            // A tick of 10 ns counts 11 ns at most.
+            // A tick of 10 ns adds 11 ns at most to the local time.
             let least = ahead * TICK / (TICK + 1) - 2 * TICK;
             self.sync0.due = Time::new(now.count() + least);
             self.rough = true;
@@ -223,7 +225,7 @@ impl SyncUnit {
         !is_near
     }
 
-    /// Whether [`Self::schedule`] has to tell when the next pulse really is due.
+    /// Whether the due time is rough, so that [`Self::schedule`] must place the next pulse exactly.
     pub const fn is_rough(&self) -> bool {
         self.rough
     }
@@ -233,8 +235,8 @@ impl SyncUnit {
         self.sync0.due.min(self.sync1.due).min(self.debug_at)
     }
 
-    /// Handles the earliest due time, at which the system time is `system`. Gives the edge, if it makes
-    /// one: an output may be off, or its signal still active from the pulse before.
+    /// Handles the earliest due time, at which the system time is `system`. Returns the edge, if
+    /// there is one: an output may be off, or its signal may still be active from the pulse before.
     pub fn fire(&mut self, system: u64, registers: &Registers) -> Option<Output> {
         let bits = registers.load(register::SYNC_ACTIVATION);
         let length = registers.load(register::SYNC_PULSE_LENGTH);
@@ -243,8 +245,8 @@ impl SyncUnit {
             return self.fire_debug(now, length);
         }
         let (next0, next1) = (self.sync0.next, self.sync1.next);
-        // On one tick the earlier target goes first; at one target SYNC0 does, since the SYNC0 that
-        // coincides with SYNC1 must not arm it again.
+        // If both are due on one tick, the earlier target goes first. At one target SYNC0 goes
+        // first, since a SYNC0 that coincides with SYNC1 must not arm it again.
         let sync0_first = self.sync0.due == now
             && (self.sync1.due > now
                 || match (next0, next1) {
@@ -266,7 +268,7 @@ impl SyncUnit {
         self.sync0.next = (cycle > 0).then(|| {
             let next = target.wrapping_add(cycle);
             let behind = system.wrapping_sub(next) as i64;
-            // Pulses that a step of the clock has passed are missed.
+            // Pulses that a step of the clock jumped over are missed.
             if behind < 0 {
                 next
             } else {
@@ -276,7 +278,8 @@ impl SyncUnit {
         self.pulse(Output::Sync0, now, registers)
     }
 
-    /// A cyclic pulse is due. No edge if its output is off, or still active from the pulse before.
+    /// Handles a cyclic pulse. There is no edge if the output is off or still active from the pulse
+    /// before.
     fn pulse(
         &mut self,
         output: Output,
@@ -299,8 +302,9 @@ impl SyncUnit {
         None
     }
 
-    /// Pulses of SYNC0 and SYNC1 since power-on or reset that made no edge, since the signal was still active from the
-    /// pulse before: not acknowledged yet, or longer than its cycle. Wraps.
+    /// Number of SYNC0 and SYNC1 pulses since power-on or reset that made no edge, because the
+    /// signal was still active from the pulse before: it was not acknowledged yet, or is longer
+    /// than the cycle. The counters wrap.
     pub const fn without_edge(&self) -> [u32; 2] {
         self.without_edge
     }
@@ -329,7 +333,8 @@ impl SyncUnit {
         }
     }
 
-    /// The SYNC bits of the AL event request: the state of the signals that 0x0151 maps there.
+    /// The SYNC bits of the AL event request: the signals that 0x0151 maps there, if they are
+    /// active.
     pub fn al_events(&self, now: Time<Device>, registers: &Registers) -> u32 {
         let mapping = registers.load(register::SYNC_LATCH_CONFIGURATION);
         let mut events = 0;
@@ -342,7 +347,7 @@ impl SyncUnit {
         events
     }
 
-    /// Brings the status registers up to date.
+    /// Updates the status registers.
     pub fn show(&self, now: Time<Device>, registers: &mut Registers) {
         let status = u8::from(self.sync0.pending)
             | u8::from(self.sync1.pending) << 1
@@ -354,8 +359,8 @@ impl SyncUnit {
         registers.store(register::SYNC1_STATUS, state(&self.sync1));
     }
 
-    /// System times of the next pulses, in 64 bits: what 0x0990 and 0x0998 read. When no more will
-    /// come, those of the last.
+    /// System times of the next pulses, in 64 bits, which 0x0990 and 0x0998 show. If no more pulses
+    /// will come, they show the last ones.
     pub fn next_pulses(&self, registers: &Registers) -> (Option<u64>, Option<u64>) {
         if !self.active {
             return (None, None);
@@ -363,7 +368,7 @@ impl SyncUnit {
         let sync0 = self.sync0.next.or(self.sync0.last);
         let sync1_on = registers.load(register::SYNC_ACTIVATION).sync1();
         let delay = u64::from(registers.load(register::SYNC1_CYCLE));
-        // The next SYNC0 arms a SYNC1 that does not wait already.
+        // The next SYNC0 arms SYNC1, unless a SYNC1 is already pending.
         let armed = self.sync0.next.filter(|_| sync1_on).map(|next| next.wrapping_add(delay));
         (sync0, self.sync1.next.or(armed).or(self.sync1.last))
     }
@@ -384,8 +389,8 @@ fn extended(lower: u32, system: u64) -> u64 {
     system.wrapping_add(u64::from(lower.wrapping_sub(system as u32)))
 }
 
-/// Register 0x09A0 as the generator takes it, ns: 0 is a single pulse, and a cycle is [`CYCLE_MIN`]
-/// at least.
+/// Register 0x09A0 as the generator uses it, ns. 0 means a single pulse; a cycle is at least
+/// [`CYCLE_MIN`].
 pub(crate) fn sync0_cycle(registers: &Registers) -> u64 {
     match registers.load(register::SYNC0_CYCLE) {
         0 => 0,
@@ -393,9 +398,9 @@ pub(crate) fn sync0_cycle(registers: &Registers) -> u64 {
     }
 }
 
-/// Pulses nearer than this are placed at once, ns, and so are those farther than any run is long.
+/// Pulses nearer than this are placed exactly at once, ns; so are those farther than any run lasts.
 const NEAR: u64 = 10_000;
 const FAR: u64 = 1 << 48;
-/// Shortest SYNC0 cycle, ns. The register text gives the limit and does not say what a shorter
-/// value does: here it runs as this one, and reads as it was written.
+/// Shortest SYNC0 cycle, ns. The register text gives the limit but not the effect of a shorter
+/// value. Here a shorter cycle runs as this one and reads back as it was written.
 const CYCLE_MIN: u32 = 60;

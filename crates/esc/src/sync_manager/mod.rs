@@ -1,7 +1,8 @@
-//! SyncManagers: who may touch guarded memory, and when a buffer changes hands.
+//! SyncManagers: which side may access guarded memory, and when a buffer changes hands.
 //!
-//! The first byte of an area opens its buffer, the last one closes it; in between any bytes may be
-//! accessed in any number of accesses. What ECAT closes changes hands at the end of a good frame.
+//! The first byte of an area opens its buffer, and the last one closes it; in between any bytes may
+//! be accessed in any number of accesses. A buffer that ECAT closed changes hands at the end of a
+//! good frame.
 
 mod unit;
 
@@ -23,7 +24,7 @@ pub(crate) enum Side {
     Pdi,
 }
 
-/// The way of the data, seen from the side that accesses.
+/// The direction of the data, seen from the side that accesses.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Direction {
     /// From the ESC.
@@ -32,27 +33,27 @@ pub(crate) enum Direction {
     Write,
 }
 
-/// What an access to memory came to.
+/// The result of an access to memory.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Access {
-    /// At least one byte was really accessed.
+    /// At least one byte was accessed.
     pub any: bool,
     /// A buffer that triggers the watchdog was completed.
     pub watchdog: bool,
-    /// A buffer was opened by the PDI, and its SyncManager notes when (0x09F8).
+    /// The PDI opened a buffer whose SyncManager records the time (0x09F8).
     pub started: bool,
-    /// A buffer changed hands by the PDI, and its SyncManager notes when (0x09FC).
+    /// The PDI closed a buffer whose SyncManager records the time (0x09FC).
     pub changed: bool,
 }
 
-/// What the end of a good frame brought.
+/// The effects of the end of a good frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Exchanged {
     /// A buffer that triggers the watchdog was completed.
     pub watchdog: bool,
-    /// A SyncManager that notes the time (0x09F0) exchanged its buffer.
+    /// A SyncManager that records the time (0x09F0) exchanged its buffer.
     pub latch: bool,
-    /// The SyncManagers whose buffer changed hands, a bit each.
+    /// The SyncManagers whose buffer changed hands, one bit each.
     pub units: u16,
     /// Bits of the AL event request that were not set before.
     pub al_events: u32,
@@ -62,26 +63,26 @@ pub(crate) struct Exchanged {
 pub(crate) struct SyncManagers {
     units: [Unit; 16],
     count: usize,
-    /// Units that guard memory: enabled and with a length.
+    /// Units that guard memory: they are enabled and have a length.
     guarding: u16,
-    /// Those of them whose area no other unit touches.
+    /// The guarding units whose area no other unit overlaps.
     alone: u16,
-    /// The address behind the last buffer of all.
+    /// The address behind the last buffer of all units.
     reserved_end: usize,
-    /// Units whose buffer ECAT closed in the frame in flight.
+    /// Units whose buffer the frame in flight closed.
     closing: u16,
     /// Units whose activation ECAT wrote and the PDI has not read since.
     changed: u16,
-    /// Units that the frame in flight touched, and what they were before it.
+    /// Units that the frame in flight accessed, and their state before it.
     touched: u16,
     before: [Unit; 16],
-    /// By unit and buffer: the label of what fills it, see [`crate::Esc::label`]. Apart from the
-    /// units, so that a frame does not copy them: a label changes when a buffer changes hands,
-    /// which is never taken back.
+    /// The labels of the contents, by unit and buffer; see [`crate::Esc::label`]. They are kept
+    /// apart from the units so that a frame does not copy them. A label changes only when a buffer
+    /// changes hands, and that is never undone.
     labels: [[u64; 3]; 16],
-    /// The label of what the PDI writes.
+    /// The label of the bytes that the PDI writes.
     pub pdi_label: u64,
-    /// What the PDI reads, it releases by writing its last byte: register 0x014E bit 0.
+    /// The PDI releases a buffer that it reads by writing the last byte: register 0x014E bit 0.
     release_by_write: bool,
     /// See [`Chip::sm_buffer_in_use`].
     shows_in_use: bool,
@@ -126,7 +127,7 @@ impl SyncManagers {
         let first = usize::from(address);
         let end = first + len;
         if let Some(number) = self.whole(first, end) {
-            // Process data as a rule: one whole buffer, nothing to be cut.
+            // Process data is usually one whole buffer, and nothing must be cut.
             let way = (side, direction);
             let place = match side {
                 Side::Ecat => self.ecat_whole(direction, registers, number),
@@ -160,8 +161,8 @@ impl SyncManagers {
         outcome
     }
 
-    /// Completes what ECAT wrote into registers that a SyncManager guards: no buffers there, but its
-    /// interrupt and watchdog trigger work.
+    /// Completes a write of ECAT into registers that a SyncManager guards. Registers have no
+    /// buffers, but the interrupt and the watchdog trigger of the SyncManager work.
     pub fn write_registers(&mut self, address: u16, len: usize) {
         let first = usize::from(address);
         for number in bits(self.guarding) {
@@ -181,24 +182,24 @@ impl SyncManagers {
         self.reserved_end
     }
 
-    /// Whether something waits for the end of the frame.
+    /// Whether a buffer waits for the end of the frame.
     pub const fn is_closing(&self) -> bool {
         self.closing != 0
     }
 
-    /// A frame arrives: what it touches will be remembered.
+    /// Handles the arrival of a frame: from now on the units that it accesses are remembered.
     pub const fn begin_frame(&mut self) {
         self.touched = 0;
     }
 
-    /// The label of what was last read, or is being read, from a SyncManager's buffer; 0 without
-    /// one.
+    /// The label of the bytes that were last read, or are being read, from a SyncManager's buffer;
+    /// 0 without a label.
     pub fn label(&self, number: usize) -> u64 {
         self.labels[number & 15][self.units[number & 15].buffer(Direction::Read)]
     }
 
-    /// The frame in flight was good: buffers that ECAT closed change hands, those that it wrote
-    /// with its `label`.
+    /// Handles the end of a good frame: buffers that ECAT closed change hands, and those that it
+    /// wrote get its `label`.
     pub fn end_good_frame(&mut self, label: u64, registers: &mut Registers) -> Exchanged {
         let closed = core::mem::take(&mut self.closing);
         let mut exchanged = Exchanged { units: closed, ..Exchanged::default() };
@@ -218,7 +219,7 @@ impl SyncManagers {
         exchanged
     }
 
-    /// The frame in flight was bad: all is as it was before it.
+    /// Handles the end of a bad frame: everything is as before the frame.
     pub fn end_bad_frame(&mut self, registers: &mut Registers) {
         self.closing = 0;
         for number in bits(core::mem::take(&mut self.touched)) {
@@ -227,8 +228,8 @@ impl SyncManagers {
         }
     }
 
-    /// The PDI writes `len` bytes from `address` on: buffers that it reads and whose last byte is among
-    /// them are released, if it acknowledges by writing.
+    /// Handles a PDI write of `len` bytes from `address` on: if the PDI acknowledges by writing, it
+    /// releases the buffers that the PDI reads and whose last byte is written.
     pub fn release_by_write(
         &mut self,
         address: u16,
@@ -252,7 +253,7 @@ impl SyncManagers {
         outcome
     }
 
-    /// Takes over the registers of one SyncManager after ECAT wrote them.
+    /// Applies the registers of one SyncManager after ECAT wrote them.
     pub fn configure(
         &mut self,
         number: usize,
@@ -274,7 +275,7 @@ impl SyncManagers {
         self.update(number, registers);
     }
 
-    /// The PDI writes the PDI control byte. Returns whether the SyncManager was deactivated by it.
+    /// Handles a PDI write to the PDI control byte.
     pub fn write_pdi_control(&mut self, number: usize, value: u8, registers: &mut Registers) {
         if number >= self.count {
             return;
@@ -289,7 +290,7 @@ impl SyncManagers {
         self.update(number, registers);
     }
 
-    /// The PDI has read the activation byte.
+    /// Handles a PDI read of the activation byte.
     pub fn acknowledge_activation(&mut self, number: usize) {
         self.changed &= !(1 << number);
     }
@@ -299,7 +300,7 @@ impl SyncManagers {
         self.units[number & 15].config.is_enabled()
     }
 
-    /// The bits of the AL event request that SyncManagers hold.
+    /// The bits of the AL event request (0x0220) that come from SyncManagers.
     pub fn al_events(&self) -> u32 {
         let mut events = if self.changed != 0 { al_event::SM_ACTIVATION } else { 0 };
         for number in bits(self.guarding) {
@@ -311,7 +312,8 @@ impl SyncManagers {
         events
     }
 
-    /// The bits of the ECAT event request that SyncManagers hold: 4 to 11 for SM0 to SM7.
+    /// The bits of the ECAT event request (0x0210) that come from SyncManagers: 4 to 11 for SM0 to
+    /// SM7.
     pub fn ecat_events(&self) -> u16 {
         let mut events = 0;
         for number in bits(self.guarding & 0x00FF) {
@@ -324,7 +326,7 @@ impl SyncManagers {
         events
     }
 
-    /// ECAT opens, accesses and closes one area as a whole; gives its place in memory if allowed.
+    /// ECAT opens, accesses and closes one area as a whole. Returns its place in memory if allowed.
     pub fn ecat_whole(
         &mut self,
         direction: Direction,
@@ -343,8 +345,9 @@ impl SyncManagers {
         Some(place)
     }
 
-    /// The PDI opens, accesses and closes one area as a whole; gives its place in memory, and whether the watchdog is
-    /// triggered. `None`, and nothing is done, where more happens besides, or nothing.
+    /// The PDI opens, accesses and closes one area as a whole. Returns its place in memory, and
+    /// whether the watchdog is triggered. `None`: the access is not allowed or has more effects,
+    /// and nothing was done.
     #[inline]
     pub fn pdi_whole(
         &mut self,
@@ -368,7 +371,7 @@ impl SyncManagers {
         Some((place, watchdog))
     }
 
-    /// Opens, accesses and closes a part of one area; gives its place in memory if allowed.
+    /// Opens, accesses and closes a part of one area. Returns its place in memory if allowed.
     fn guarded(
         &mut self,
         (side, direction): (Side, Direction),
@@ -409,21 +412,22 @@ impl SyncManagers {
         Some(place)
     }
 
-    /// The unit that guards just these addresses and shares none of them with another.
+    /// The unit that guards exactly these addresses and shares none of them with another unit.
     fn whole(&self, first: usize, end: usize) -> Option<usize> {
         let found = bits(self.alone)
             .find(|number| usize::from(self.units[*number].config.start) == first)?;
         (self.units[found].end() == end).then_some(found)
     }
 
-    /// The unit of three buffers that guards just these addresses and shares none of them with another.
+    /// The unit of three buffers that guards exactly these addresses and shares none of them with
+    /// another.
     pub fn three_buffers(&self, start: u16, length: u16) -> Option<usize> {
         let first = usize::from(start);
         let number = self.whole(first, first + usize::from(length))?;
         self.units[number].is_buffered().then_some(number)
     }
 
-    /// Finds the units whose areas no other unit's buffers touch, and where the last buffer ends.
+    /// Finds the units whose areas no other unit's buffers overlap, and the end of the last buffer.
     fn find_alone(&mut self) {
         (self.alone, self.reserved_end) = (0, 0);
         for number in bits(self.guarding) {
@@ -440,7 +444,7 @@ impl SyncManagers {
         }
     }
 
-    /// What lies at `address`.
+    /// The kind of memory at `address`.
     fn at(&self, address: usize) -> Place {
         let mut place = Place::Free;
         for number in bits(self.guarding) {
@@ -456,7 +460,7 @@ impl SyncManagers {
         place
     }
 
-    /// The next address after `at` where the answer of [`Self::at`] may change, `end` at most.
+    /// The next address after `at` where the answer of [`Self::at`] may change, at most `end`.
     fn boundary(&self, at: usize, end: usize) -> usize {
         let mut next = end;
         for number in bits(self.guarding) {
@@ -489,18 +493,18 @@ impl SyncManagers {
     }
 }
 
-/// The bytes of `ram` from address `place` on that exist, of `len`; none is `None`.
+/// The part of `len` bytes of `ram` from address `place` on that exists; `None` if it is empty.
 fn run(ram: &mut [u8], place: usize, len: usize) -> Option<&mut [u8]> {
     let from = place.wrapping_sub(PROCESS_RAM);
     let end = from.saturating_add(len).min(ram.len());
     ram.get_mut(from..end).filter(|bytes| !bytes.is_empty())
 }
 
-/// What lies at an address.
+/// The kind of memory at an address.
 enum Place {
     /// No SyncManager guards it.
     Free,
-    /// The second or third buffer of a SyncManager: reached through the first only.
+    /// The second or third buffer of a SyncManager, which can only be reached through the first.
     Spare,
     /// The guarded area of a SyncManager.
     Guarded(usize),

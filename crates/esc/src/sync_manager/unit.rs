@@ -8,7 +8,7 @@ use super::{Direction, Side};
 /// One SyncManager.
 #[derive(Clone, Copy)]
 pub(super) struct Unit {
-    /// Its registers as they are in force.
+    /// Its registers in force.
     pub config: SyncManager,
     /// ECAT has opened its buffer.
     pub ecat_open: bool,
@@ -16,17 +16,17 @@ pub(super) struct Unit {
     pdi_open: bool,
     /// Mailbox: full.
     full: bool,
-    /// Three buffers: which one is written, which one waits, which one is read.
+    /// Indices of the three buffers: the one being written, the one that waits, the one being read.
     producer: u8,
     next: u8,
     consumer: u8,
     /// The waiting buffer is newer than the one that is read.
     fresh: bool,
-    /// Some buffer was ever written completely.
+    /// A buffer was completely written at least once.
     filled: bool,
-    /// Completely written, and not opened for reading since.
+    /// A buffer was completely written and not opened for reading since.
     pub int_written: bool,
-    /// Completely read, and not opened for writing since.
+    /// A buffer was completely read and not opened for writing since.
     pub int_read: bool,
 }
 
@@ -53,7 +53,7 @@ impl Unit {
         int_read: false,
     };
 
-    /// Back to rest, configuration kept.
+    /// Returns to rest; the configuration is kept.
     pub fn reset(&mut self) {
         *self = Self { config: self.config, ..Self::REST };
     }
@@ -72,7 +72,8 @@ impl Unit {
         }
     }
 
-    /// Three buffers; an area of one byte has neither buffers nor a handshake, and registers are there once.
+    /// Whether it has three buffers. An area of one byte has neither buffers nor a handshake, and
+    /// registers exist once only.
     pub fn is_buffered(&self) -> bool {
         !self.config.is_mailbox()
             && self.config.length > 1
@@ -88,7 +89,7 @@ impl Unit {
         }
     }
 
-    /// The way of the data, seen from `side`.
+    /// The direction of the data, seen from `side`.
     pub fn direction_of(&self, side: Side) -> Direction {
         if self.config.is_ecat_write() == (side == Side::Ecat) {
             Direction::Write
@@ -105,7 +106,7 @@ impl Unit {
             && (direction == Direction::Write || self.filled)
     }
 
-    /// Whether an access at `offset` of the area is allowed; its place in memory.
+    /// Whether an access at `offset` of the area is allowed. Returns its place in memory.
     #[inline]
     pub fn admit(&mut self, side: Side, direction: Direction, offset: usize) -> Option<usize> {
         if self.direction_of(side) != direction || self.config.pdi_control & PDI_DEACTIVATED != 0 {
@@ -158,12 +159,12 @@ impl Unit {
         raised && self.config.control & SyncManager::CONTROL_AL_EVENT != 0
     }
 
-    /// The PDI has opened a buffer to read it.
+    /// Whether the PDI has opened a buffer to read it.
     pub fn is_open_for_reading(&self) -> bool {
         self.pdi_open && self.direction_of(Side::Pdi) == Direction::Read
     }
 
-    /// The buffer that `side` closed changes hands. Returns whether the watchdog is triggered.
+    /// The buffer that `side` closed changes hands. Returns whether this triggers the watchdog.
     pub fn complete(&mut self, side: Side) -> bool {
         self.set_open(side, false);
         let written = self.direction_of(side) == Direction::Write;
@@ -193,12 +194,12 @@ impl Unit {
         }
     }
 
-    /// The status byte; `in_use`: the bits of buffers in use exist.
+    /// The status byte. `in_use`: the bits for buffers in use exist.
     pub fn status(&self, in_use: bool) -> u8 {
         let last_written = match (self.config.is_mailbox(), self.filled) {
             (true, _) => 0,
             (false, false) => 3,
-            // The newest complete buffer waits, or it is the one that is read.
+            // The newest complete buffer is the waiting one, or else the one being read.
             (false, true) => {
                 if self.fresh {
                     self.next

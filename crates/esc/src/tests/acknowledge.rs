@@ -89,10 +89,10 @@ fn buffers() {
     bench.pdi().write(0x1003, &[0xEE]);
     assert_eq!(bench.read(register::sm_status(0)), 0x02);
     assert_eq!(bench.fpwr(0x1000, &[5, 6, 7, 8]), 1);
-    // What was not opened is not released.
+    // A buffer that was not opened is not released.
     bench.pdi().write(0x1003, &[0]);
     assert_eq!(bench.pdi_bytes(0x1000, 4), [5, 6, 7, 8]);
-    // What the PDI writes is closed by its last byte as ever.
+    // A buffer that the PDI writes is closed by its last byte, as on other chips.
     bench.fpwr(0x0808, &[0x80, 0x10, 4, 0, SyncManager::MAILBOX_IN, 0, 1, 0]);
     bench.pdi().write(0x1080, &[1; 4]);
     assert_eq!(bench.fprd(0x1080, 4), (vec![1; 4], 1));

@@ -23,7 +23,7 @@ fn system_time_by_both_sides() {
     bench.write(register::SYSTEM_TIME_OFFSET, 0u64.wrapping_sub(400));
     bench.write(register::SYSTEM_TIME_DELAY, 70);
     bench.run_to(100_007);
-    // As it was when the frame began, less the delay, for every datagram of the frame.
+    // The value is that of the frame's start, less the delay, for every datagram of the frame.
     let list = [
         (Command::Fprd, station(0x0910), &[0; 8][..]),
         (Command::Fprd, station(0x0000), &[0; 600][..]),
@@ -66,7 +66,7 @@ fn receive_times() {
     assert_eq!(times[..4], (arrived as u32).to_le_bytes());
     assert_eq!(times[4..8], (arrived as u32 + 1_440).to_le_bytes());
     assert_eq!(bench.read(register::RECEIVE_TIME_EPU), arrived);
-    // APWR counts and latches the EPU's time only; a bad frame latches nothing.
+    // APWR increments and latches only the EPU's time; a bad frame latches nothing.
     let position = Address::Position(AutoIncrementAddress(0), 0x0900);
     assert_eq!(bench.send(Command::Apwr, position, &[0; 4]).1, 1);
     assert!(!bench.processed.latch_ports);
@@ -77,13 +77,13 @@ fn receive_times() {
         bench.fprd(0x0900, 4);
         !bench.processed.latch_ports
     });
-    // A long write that ends in the register touches it, one that ends before does not.
+    // A long write that ends in the register latches; one that ends before it does not.
     bench.bwr(0x08FF, &[0; 2]);
     assert!(bench.processed.latch_ports);
 }
 
-/// Feeds the loop with a reference that runs `ppm` faster than this clock; gives the difference of the
-/// clocks (this one ahead: positive) after each quarter of `frames` frames.
+/// Feeds the loop with a reference that runs `ppm` faster than this clock. Returns the difference
+/// of the clocks (positive if this one is ahead) after each quarter of `frames` frames.
 fn follow(law: DriftLaw, depths: [u8; 2], ppm: i64, interval: u64, frames: u64) -> [i64; 4] {
     let mut bench = Bench::new(&ET1100);
     bench.esc = bench.esc.with_drift_law(law);
@@ -95,7 +95,7 @@ fn follow(law: DriftLaw, depths: [u8; 2], ppm: i64, interval: u64, frames: u64) 
     let other = Address::Station(StationAddress(1), 0x0910);
     for frame in 0..frames {
         bench.run_to(begin + frame * interval);
-        // The reference counts ticks of its own.
+        // The reference counts in its own ticks.
         let received = reference(bench.now) / 10 * 10;
         bench.send(Command::Frmw, other, &(received as u32).to_le_bytes());
         let ahead =
@@ -116,7 +116,7 @@ fn the_loop_follows_from_both_sides() {
         {
             let quarters = follow(law, [0, 12], ppm, interval, 40_000);
             assert!(quarters[3].abs() <= 20, "{law}, {ppm} ppm: {quarters:?}");
-            // A block's mean is right at once; the others take longer.
+            // The mean of a block is right at once; the other laws take longer.
             if law != DriftLaw::BLOCK {
                 assert!(quarters[0].abs() > 20, "{law}, {ppm} ppm: it takes time: {quarters:?}");
                 assert_eq!(quarters[0] > 0, ppm < 0, "a slower reference leaves us ahead");
@@ -125,9 +125,9 @@ fn the_loop_follows_from_both_sides() {
     }
 }
 
-/// What 15000 received times leave, as MainDevices are advised to send, at the reset values of the
-/// filters: back to back some ns to some hundred, at one a millisecond micros if the mean of the
-/// speed is an exponential one.
+/// The difference that remains after 15000 received times, the number that MainDevices are advised
+/// to send, at the reset values of the filters. Sent back to back, some ns to some hundred ns
+/// remain. At one per millisecond microseconds remain if the mean of the speed is exponential.
 #[test]
 fn the_recommended_number_of_frames() {
     for (law, burst, slow) in [
@@ -158,7 +158,7 @@ fn a_small_depth_locks() {
     }
 }
 
-/// The speed is the published one: 100 units are 1.19 ppm, the whole range 763 ppm.
+/// The speed is the published one: 100 units are 1.19 ppm, and the whole range is 763 ppm.
 #[test]
 fn the_deviation_formula() {
     use crate::dc::clock::Clock;
@@ -188,15 +188,15 @@ fn the_clock_and_its_inverse_agree_over_changes() {
             let at = now + 10 * ticks;
             let (one, next) = (clock.local(device(at - 10)), clock.local(device(at)));
             assert!((9..=11).contains(&(next - one)));
-            // The inverse finds the very tick, and not the one before.
+            // The inverse finds this tick exactly, not the one before.
             assert_eq!(clock.after(device(now), (next - before) as i64), device(at));
             assert_eq!(clock.after(device(now), (one - before) as i64 + 1), device(at));
         }
     }
 }
 
-/// A received time of 0 is compared like any other: a clock that is as far from it as another is
-/// from another time shows the same and is steered the same. One law alone makes an exception.
+/// A received time of 0 is compared like any other. A clock with the same distance from it shows
+/// the same difference and is steered in the same way. Only one law makes an exception.
 #[test]
 fn zero_is_a_time_like_any_other() {
     let led = |law: DriftLaw, received: u32| {
@@ -228,7 +228,7 @@ fn zero_is_a_time_like_any_other() {
 }
 
 /// MainDevices write zeros to 0x0910 before they reset the loop by 0x0930. A law that does not
-/// follow them shows them all the same; what the others make of them is gone with the reset.
+/// follow the zeros still shows them. Their effect under the other laws ends with the reset.
 #[test]
 fn zeros_are_shown() {
     let mut bench = Bench::new(&ET1100);
@@ -249,7 +249,7 @@ fn zeros_are_shown() {
     assert_eq!(bench.read(register::SYSTEM_TIME_DIFFERENCE), SystemTimeDifference(0));
 }
 
-/// The reference reads in a FRMW: its own loop gets nothing.
+/// The reference clock is read by FRMW: its own loop receives nothing.
 #[test]
 fn the_reference_does_not_follow_itself() {
     let mut bench = Bench::new(&ET1100);
@@ -261,7 +261,7 @@ fn the_reference_does_not_follow_itself() {
     assert_eq!(bench.read(register::SYSTEM_TIME_DIFFERENCE), SystemTimeDifference(0));
 }
 
-/// What the sign of 0x092C means is the chip's: that of a captured ET1100, or the other way round.
+/// The sign of 0x092C is a property of the chip: as on a captured ET1100, or inverted.
 #[test]
 fn the_sign_of_the_difference() {
     static NEWER: Chip =
@@ -280,7 +280,7 @@ fn the_sign_of_the_difference() {
     }
 }
 
-/// Receive time and system time in halves, each side for itself.
+/// Receive time and system time are read in halves, consistently for each side.
 #[test]
 fn halves_of_a_running_time_belong_together() {
     let mut bench = Bench::new(&LAN9252);
@@ -303,8 +303,8 @@ fn halves_of_a_running_time_belong_together() {
     assert_eq!(bench.fprd(0x0914, 4).0, at.to_le_bytes()[4..]);
 }
 
-/// Reverse mode: ports 1-3 show what arrived before the frame reached the EPU. (`next_frame` has
-/// the forward mode of this chip.)
+/// In reverse mode ports 1-3 show what arrived before the frame reached the EPU. The file
+/// `next_frame` tests the forward mode of this chip.
 #[test]
 fn receive_times_in_reverse_mode() {
     let times = |bench: &mut Bench| {
@@ -315,13 +315,13 @@ fn receive_times_in_reverse_mode() {
     for (chip, mode) in [(&EARLIER, 0), (&EARLIER, 1), (&ET1200, 1)] {
         let mut bench = Bench::new(chip);
         bench.write(register::RECEIVE_TIME_LATCH_MODE, mode);
-        // A frame that enters at port 1, comes back at port 0 and passes the EPU then.
+        // This frame enters at port 1, returns at port 0 and passes the EPU then.
         bench.run_to(50_000);
         bench.esc.receive_at_port(PortNumber::P1, device(49_000));
         bench.bwr(0x0900, &[0]);
         bench.esc.receive_at_port(PortNumber::P0, device(50_000));
         assert_eq!(times(&mut bench), [50_000, 49_000], "mode {mode}");
-        // What arrives afterwards is for the next frame in reverse mode.
+        // In reverse mode a later arrival belongs to the next frame.
         bench.run_to(100_000);
         bench.bwr(0x0900, &[0]);
         bench.esc.receive_at_port(PortNumber::P0, device(100_000));
@@ -331,7 +331,7 @@ fn receive_times_in_reverse_mode() {
         bench.run_to(200_000);
         bench.bwr(0x0900, &[0]);
         assert_eq!(times(&mut bench)[1], 100_010, "mode {mode}");
-        // At the very instant of the EPU, and a ns after it.
+        // The arrival is at the instant of the EPU, and 1 ns after it.
         for (after, shown) in [(0, 300_000), (1, if mode == 0 { 400_000 } else { 300_000 })] {
             bench.run_to(300_000 + after * 100_000);
             bench.bwr(0x0900, &[0]);
@@ -340,7 +340,7 @@ fn receive_times_in_reverse_mode() {
             assert_eq!(times(&mut bench)[1], shown, "mode {mode}");
         }
     }
-    // Chips without the register.
+    // These chips do not have the register.
     assert_eq!(Bench::new(&LAN9252).fprd(0x0936, 1).1, 0);
     assert_eq!(Bench::new(&LAN9252).fpwr(0x0936, &[1]), 0);
 }

@@ -4,7 +4,7 @@ use super::*;
 use crate::{DriftLaw, ET1100, LAN9252};
 use isocat_wire::dc::SystemTimeDifference;
 
-/// An exact agreement counts as ahead.
+/// A difference of zero shows as ahead.
 #[test]
 fn a_difference_of_zero_is_ahead_or_equal() {
     let mut bench = Bench::new(&ET1100);
@@ -18,12 +18,12 @@ fn a_difference_of_zero_is_ahead_or_equal() {
     assert_eq!(bench.esc.system_time_difference().0, 0);
 }
 
-/// One datagram writes offset and delay, as a MainDevice does; with a received time in the same frame,
-/// that is compared with the old ones.
+/// One datagram writes offset and delay, as a MainDevice does. A time received in the same frame is
+/// compared with the old values.
 #[test]
 fn offset_and_delay_come_into_force_together() {
     let mut bench = Bench::new(&LAN9252);
-    // A law without steps of the local time.
+    // This law makes no steps of the local time.
     bench.esc = bench.esc.with_drift_law(DriftLaw::PROPORTIONAL);
     bench.write(register::TIME_FILTER_DEPTH, 0);
     bench.run_to(bench.now.next_multiple_of(10) + 100);
@@ -37,7 +37,7 @@ fn offset_and_delay_come_into_force_together() {
     assert_eq!(bench.read(register::SYSTEM_TIME), bench.now - 5_760 + 1_000_000 - 7_000);
 }
 
-/// Newer cores start the filters anew when their depths are written.
+/// Newer cores restart the filters when their depths are written.
 #[test]
 fn writing_a_filter_depth() {
     for (chip, newer) in [(&ET1100, false), (&LAN9252, true)] {
@@ -57,14 +57,14 @@ fn writing_a_filter_depth() {
         bench.write(register::SPEED_FILTER_DEPTH, 12);
         let speed = bench.read(register::SPEED_COUNTER_DIFFERENCE);
         assert_eq!(speed, if newer { 0 } else { 1_200 }, "{}", chip.name);
-        // The bandwidth resets both on every chip.
+        // A write of the bandwidth resets both on every chip.
         bench.write(register::SPEED_COUNTER_START, 0x1000);
         assert_eq!(bench.read(register::SYSTEM_TIME_DIFFERENCE), SystemTimeDifference(0));
         assert_eq!(bench.read(register::SPEED_COUNTER_DIFFERENCE), 0);
     }
 }
 
-/// Another law than the chip's, and it stays over a reset.
+/// The law of the chip is replaced by another, which stays over a reset.
 #[test]
 fn the_law_can_be_replaced() {
     let mut bench = Bench::new(&LAN9252);
@@ -83,8 +83,8 @@ fn the_law_can_be_replaced() {
     }
 }
 
-/// One huge difference: the speed learns no more than a unit of it at the usual depth, and the time
-/// moves by the largest step.
+/// One huge difference arrives. At the usual depth the speed changes by one unit at most, and the
+/// time moves by the largest step.
 #[test]
 fn one_huge_difference() {
     for (law, unit) in [(DriftLaw::HOLD, -1), (DriftLaw::BLOCK, 0), (DriftLaw::PROPORTIONAL, -1)] {
@@ -107,8 +107,8 @@ fn one_huge_difference() {
     }
 }
 
-/// Zeros are compared like any other value by the laws that the record admits: a captured chip kept
-/// a trace of them.
+/// The laws that the record admits compare zeros like any other value: a captured chip kept a trace
+/// of them.
 #[test]
 fn zeros_are_compared() {
     for (law, moves) in

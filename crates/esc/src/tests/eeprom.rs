@@ -17,7 +17,7 @@ fn eeprom_reads() {
             bench.fprd(0x0502, 14),
             (vec![idle as u8, 0, 8, 0, 0, 0, 2, 0, 0, 0, 0x52, 0x2C, 0x4C, 0x04], 1)
         );
-        // Beyond the end: erased cells.
+        // Cells beyond the end read as erased.
         bench.fpwr(0x0502, &[0x80, 0x01, 0x7F, 0]);
         bench.run_to(bench.now + 20_000);
         assert_eq!(bench.fprd(0x0508, 4).0, [0, 0, 0xFF, 0xFF]);
@@ -38,7 +38,7 @@ fn a_reserved_bit_goes_with_safeop() {
     for (chip, before, after) in [(&ET1200, 0x0050, 0x0040), (&ET1100, 0x0040, 0x0040)] {
         let mut bench = Bench::with(chip, [0x04, 0x01, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
         let status = |bench: &mut Bench| bench.read(register::EEPROM_STATUS).0;
-        // Offered to the PDI and taken back; PREOP.
+        // The EEPROM is offered to the PDI and taken back, in PREOP.
         for value in [0x01, 0x02, 0x00] {
             bench.fpwr(0x0500, &[value]);
             assert_eq!(status(&mut bench), before, "{}", chip.name);
@@ -50,7 +50,7 @@ fn a_reserved_bit_goes_with_safeop() {
         bench.esc.power_on(Time::new(bench.now), Time::ZERO);
         assert_eq!(bench.esc.register(register::EEPROM_STATUS).0, before, "power-on");
     }
-    // The same behind a CPU, which sets AL status.
+    // The same behaviour behind a CPU, which sets AL status.
     let mut bench = Bench::new(&ET1200);
     for (state, expected) in [(2, 0x0050), (3, 0x0050), (8, 0x0040), (1, 0x0040)] {
         bench.pdi().write(0x0130, &[state]);
@@ -58,7 +58,7 @@ fn a_reserved_bit_goes_with_safeop() {
     }
 }
 
-/// How long the memory acknowledges nothing after a write is the chip's setting, to the tick.
+/// The burn time, in which the memory acknowledges nothing, is the chip's setting to the tick.
 #[test]
 fn the_burn_time_is_a_setting() {
     static QUICK: Chip = Chip { eeprom_burn_time: isocat_wire::Nanos(2_400_000), ..ET1100 };
@@ -108,7 +108,7 @@ fn eeprom_writes_need_the_enable_bit_and_the_ownership() {
     assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x2040);
     bench.fpwr(0x0502, &[0x00, 0x00]);
     assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x0040);
-    // Offered to the PDI: nobody's until it takes it.
+    // While the EEPROM is offered to the PDI, neither side may use it until the PDI takes it.
     bench.write(register::EEPROM_CONFIGURATION, 1);
     assert_eq!(bench.fpwr(0x0502, &[0x00, 0x01, 8, 0, 0, 0]), 0);
     bench.pdi().write(0x0502, &[0x00, 0x01, 8, 0, 0, 0]);
@@ -135,7 +135,7 @@ fn a_wrong_checksum_leaves_the_defaults() {
     assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x1840);
     assert_eq!(bench.read(register::PDI_CONTROL), 0);
     assert_eq!(bench.fprd(0x1000, 2).1, 0, "no process RAM without a configuration");
-    // Mend it over the wire and reload.
+    // Repair the image over the wire and reload.
     bench.fpwr(0x0502, &[0x01, 0x02, 7, 0, 0, 0, sii::checksum(&SII), 0]);
     bench.run_to(bench.now + 5_200_000);
     bench.fpwr(0x0502, &[0x00, 0x04]);
@@ -147,13 +147,13 @@ fn a_wrong_checksum_leaves_the_defaults() {
     assert_eq!(bench.read(register::SYNC_PULSE_LENGTH), 0x2710);
 }
 
-/// Vector 13: what was written burns for some ms, in which the memory acknowledges nothing.
+/// Vector 13: after a write the memory burns for some ms and acknowledges nothing.
 #[test]
 fn a_burning_eeprom_acknowledges_nothing() {
     let mut bench = Bench::new(&ET1100);
     bench.fpwr(0x0502, &[0x01, 0x02, 0x40, 0, 0, 0, 0x34, 0x12]);
     let burns = bench.now + 200_000 + 5_000_000;
-    // The read ends 10 ns, one tick, before the memory has burnt, or with it.
+    // The read ends one tick (10 ns) before the memory has finished burning, or together with it.
     let read = bench.now + 5_200_000 - 20_000 - duration_ns(60) - 10;
     for (at, status, data) in [(read, 0x2040, [0x34, 0x12]), (read + 10, 0x0040, [0x02, 0x00])] {
         let mut other = Bench::new(&ET1100);
@@ -180,7 +180,7 @@ fn the_pdi_needs_no_write_enable() {
     assert_eq!(bench.pdi_read(register::EEPROM_STATUS).0, 0x8241);
     bench.run_to(bench.now + 1);
     assert_eq!(bench.esc.eeprom()[0x80..0x82], [0x78, 0x56]);
-    // Given back, and ECAT must enable again.
+    // After it is given back, ECAT must enable each write again.
     bench.pdi().store(register::EEPROM_PDI_ACCESS, 0);
     bench.write(register::EEPROM_CONFIGURATION, 0);
     assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x0040);
@@ -197,7 +197,7 @@ fn the_pdi_takes_what_is_offered_only() {
     assert_eq!(bench.fpwr(0x0501, &[1]), 0, "ECAT cannot write it");
 }
 
-/// Commands wait for the PDI, which answers with the command and what went wrong.
+/// Commands wait for the PDI, which answers with the command and its error bits.
 #[test]
 fn the_pdi_emulates_the_eeprom() {
     let mut bench = Bench::new(&IP_CORE_32_EMULATED);
@@ -224,15 +224,15 @@ fn the_pdi_emulates_the_eeprom() {
     assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x2020);
     bench.fpwr(0x0502, &[0x00, 0x00]);
     assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x0020);
-    // Without the enable bit it never gets to the PDI.
+    // Without the enable bit the command does not reach the PDI.
     bench.fpwr(0x0502, &[0x00, 0x02, 9, 0, 0, 0]);
     assert_eq!((bench.read(register::EEPROM_STATUS).0, bench.pdi().events()), (0x4020, 0));
-    // An answer to nothing is nothing; the PDI does not own the interface.
+    // An answer without a command has no effect; the PDI does not own the interface.
     bench.pdi().write(0x0502, &[0x00, 0x01]);
     assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x4020);
 }
 
-/// Word 7 = 0x88A4 is right whatever words 0 to 6 hold; one bit off is not.
+/// Word 7 = 0x88A4 is accepted whatever words 0 to 6 hold; a word that differs by one bit is not.
 #[test]
 fn a_checksum_may_be_switched_off() {
     for (word, status) in [(0x88A4u16, 0x0040), (0x88A5, 0x1840), (0x89A4, 0x1840)] {

@@ -20,7 +20,7 @@ fn dl_status_follows_the_links() {
     assert_eq!(bench.read(register::DL_STATUS), DlStatus(0x5A31), "an ET1100 has no port 3 here");
 }
 
-/// With digital I/O as PDI (0x0140 = 0x04) there is no CPU that must show that it lives.
+/// With digital I/O as PDI (0x0140 = 0x04) there is no CPU that could signal that it is alive.
 #[test]
 fn digital_io_never_misses_the_pdi_watchdog() {
     for (pdi, expected) in [(0x00, 0x5611), (0x03, 0x5611), (0x04, 0x5613), (0x05, 0x5611)] {
@@ -28,7 +28,8 @@ fn digital_io_never_misses_the_pdi_watchdog() {
         configuration[0] = pdi;
         let mut bench = Bench::with(&LAN9252, configuration);
         assert_eq!(bench.read(register::DL_STATUS), DlStatus(expected), "PDI {pdi:#04x}");
-        // After ten times the watchdog's time, too; an access would start it elsewhere.
+        // This also holds after ten times the watchdog time. With another PDI the access would
+        // start it.
         bench.pdi().events();
         bench.run_to(bench.now + 1_000_000_000);
         assert_eq!(bench.read(register::DL_STATUS), DlStatus(expected), "PDI {pdi:#04x}, later");
@@ -72,7 +73,7 @@ fn loops_by_order() {
     let open = |bench: &Bench| PortNumber::ALL.map(|port| bench.esc.dl_status().open(port));
     assert_eq!(open(&bench), [true, false, false, false]);
     assert!(bench.esc.dl_status().link(PortNumber::P1));
-    // Automatic again for a second.
+    // Automatic again, for about a second.
     bench.fpwr(0x0100, &[0x03, 0x00]);
     let written = bench.now;
     assert_eq!(open(&bench), [true, true, true, false]);
@@ -83,14 +84,15 @@ fn loops_by_order() {
     assert_eq!(bench.take_events(), [(written + 1_000_000_000, EscEvent::Ports)]);
     assert_eq!(open(&bench), [true, false, false, false]);
     assert_eq!(bench.fprd(0x0100, 2).0, [0x01, 0xFC]);
-    // Auto-close: a lost link stays closed until the setting is written again.
+    // Auto-close: after a lost link the port stays closed until the setting is written again.
     bench.fpwr(0x0101, &[0x04]);
     bench.esc.set_port(PortNumber::P1, false);
     bench.esc.set_port(PortNumber::P1, true);
     assert_eq!(open(&bench), [true, false, true, false]);
     bench.fpwr(0x0101, &[0x04]);
     assert_eq!(open(&bench), [true, true, true, false]);
-    // Or until a good frame is heard at the port, which does so at no port that was closed by order.
+    // It also opens when a good frame is heard at the port. A port that was closed by a setting
+    // does not.
     bench.esc.set_port(PortNumber::P1, false);
     assert!(!bench.esc.hear_frame(PortNumber::P1), "no link, no frame");
     bench.esc.set_port(PortNumber::P1, true);
@@ -147,8 +149,8 @@ fn every_changed_sync_manager_is_to_be_acknowledged() {
     assert_eq!(bench.pdi().events(), 0);
 }
 
-/// A setting of the chip: reading one activation register is enough, whichever it is; and none is
-/// not.
+/// For a chip with this setting a read of any one activation register is enough; without a read the
+/// event stays.
 #[test]
 fn one_read_may_acknowledge_all_sync_managers() {
     static ANY: Chip = Chip { activation_event: ActivationEvent::Any, ..ET1100_MII };
@@ -164,7 +166,7 @@ fn one_read_may_acknowledge_all_sync_managers() {
     assert_eq!(bench.pdi().events(), 0);
 }
 
-/// The upper bytes of 0x0220 are those of the moment in which the same side read its first one.
+/// The upper bytes of 0x0220 belong to the moment at which the same side read the first byte.
 #[test]
 fn halves_of_the_event_request_belong_together() {
     let mut bench = Bench::new(&ET1100);
@@ -177,7 +179,7 @@ fn halves_of_the_event_request_belong_together() {
     assert_eq!(bench.pdi_bytes(request, 1), [whole as u8]);
     assert_eq!(bench.pdi_bytes(request + 1, 3), whole.to_le_bytes()[1..]);
     assert_eq!(bench.fprd(request + 1, 3).0, [0; 3], "one side's read is not the other's");
-    // What is gone is shown until the first byte is read again.
+    // An event that has ended is shown until the first byte is read again.
     bench.pdi_bytes(0x1000, 4);
     assert_eq!(bench.pdi_bytes(request + 1, 1), [1]);
     assert_eq!(bench.pdi_bytes(request, 2), [whole as u8, 0]);
@@ -199,7 +201,7 @@ fn error_counters_saturate_and_clear_by_groups() {
     assert_eq!(bench.fprd(0x0300, 12).0, [0; 12]);
 }
 
-/// Register 0x0204 decides what interrupts the CPU, and no more.
+/// Register 0x0204 decides which events interrupt the CPU, and changes nothing else.
 #[test]
 fn the_interrupt_line() {
     let mut bench = Bench::new(&LAN9252);
@@ -218,7 +220,7 @@ fn the_interrupt_line() {
     assert_eq!(bench.fpwr(0x0204, &[0; 4]), 0, "the mask is the PDI's");
 }
 
-/// A broken ring: port 0 closed by itself.
+/// The ring is broken: port 0 has closed by itself.
 #[test]
 fn circulating_frames_stop() {
     let mut bench = Bench::new(&ET1100);

@@ -3,7 +3,7 @@
 use super::*;
 use crate::{ET1100, ET1200, LAN9252};
 
-/// A BRD of the type in a frame whose Ethernet header ends with `head`.
+/// A BRD of the type register in a frame whose Ethernet header ends with `head`.
 fn brd(head: &[u8]) -> (Vec<u8>, usize) {
     let mut buffer = [0; 60];
     let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);
@@ -42,7 +42,7 @@ fn the_udp_variant_is_answered_and_its_checksum_cleared() {
     assert_eq!(pass(&mut bench, &mut frame, true), Processed::default());
     assert_eq!(frame[at..at + 3], [0x11, 1, 0]);
     assert_eq!((frame[6], &frame[40..42]), (0x12, &[0, 0][..]));
-    // Nothing else has changed but the position and the data behind it.
+    // Only the position and the data behind it have changed.
     assert_eq!(frame[7..40], before[7..40]);
     assert_eq!(frame[42..at - 8], before[42..at - 8]);
     for (protocol, port) in [(6, 0x88A4), (17, 0x88A3), (17, 0xA488)] {
@@ -66,7 +66,7 @@ fn a_vlan_tag_stays_as_it_is() {
     assert_eq!((frame[at], &frame[44..46]), (0x11, &[0, 0][..]));
 }
 
-/// DL control bit 0: others end here (as after a reset) or pass without a mark.
+/// DL control bit 0: frames of other protocols end here (the reset value) or pass without a mark.
 #[test]
 fn frames_of_others() {
     let mut bench = Bench::new(&LAN9252);
@@ -87,7 +87,7 @@ fn frames_of_others() {
             assert_eq!(pass(&mut bench, &mut frame, true).destroyed, destroyed);
             assert_eq!(frame, other);
         }
-        // EtherCAT without datagrams is EtherCAT.
+        // A frame without datagrams is still an EtherCAT frame.
         let mut frame = variables.clone();
         assert!(!pass(&mut bench, &mut frame, true).destroyed);
         assert_eq!(frame, variables);
@@ -111,7 +111,8 @@ fn unknown_commands_pass_untouched() {
     }
 }
 
-/// Commands that the feature bits of a chip exclude: not answered, but positions are counted.
+/// Commands that the feature bits of a chip exclude are not answered, but positions are
+/// incremented.
 #[test]
 fn commands_that_a_chip_does_not_have() {
     use isocat_wire::register::features::{NO_LRW, NO_READ_WRITE};
@@ -134,7 +135,7 @@ fn commands_that_a_chip_does_not_have() {
     assert_eq!(bench.fprd(0x1000, 2).0, [1, 2]);
 }
 
-/// All datagrams of a frame show the events that there were at its arrival.
+/// All datagrams of a frame show the events that were set at its arrival.
 #[test]
 fn the_irq_field_is_sampled_once_a_frame() {
     let mut bench = Bench::new(&ET1100);
@@ -154,7 +155,7 @@ fn the_irq_field_is_sampled_once_a_frame() {
             .collect()
     };
     assert_eq!(irq(&buffer[..len]), [0x0010, 0x0010]);
-    // What others have put there stays.
+    // Bits that other devices have set in the field stay.
     bench.pdi().write(0x1000, &[1; 4]);
     (buffer[24], buffer[25]) = (0x03, 0);
     pass(&mut bench, &mut buffer[..len], true);
@@ -190,7 +191,7 @@ fn the_epu_counts_what_it_cannot_process() {
     assert_eq!(count(&bench), 255);
 }
 
-/// Registers 0x0300-0x0313 in their four groups, each cleared by any write into it alone.
+/// Registers 0x0300-0x0313 form four groups; any write into a group clears that group only.
 #[test]
 fn error_counters_clear_by_groups() {
     use crate::PortError;
@@ -216,7 +217,7 @@ fn error_counters_clear_by_groups() {
         let (mut bad, _) = brd(&[0x88, 0xA4]);
         pass(&mut bench, &mut bad, false);
         let mut expected = all;
-        // A port that the chip does not have never was open.
+        // A port that the chip does not have was never open.
         expected[19] = 0;
         assert_eq!(bench.fprd(0x0300, 20).0, expected);
         assert_eq!(bench.bwr(address, &[0]), u16::from(!cleared.is_empty()), "{address:#06x}");
@@ -225,7 +226,7 @@ fn error_counters_clear_by_groups() {
     }
 }
 
-/// Register 0x0108: what a read-write command writes lies further on than what it reads.
+/// Register 0x0108: a read-write command writes at a higher address than it reads.
 #[test]
 fn a_physical_offset() {
     let mut bench = Bench::new(&LAN9252);
@@ -234,21 +235,22 @@ fn a_physical_offset() {
     assert_eq!(bench.send(Command::Fprw, station(0x1100), &[9; 4]), (vec![1, 2, 3, 4], 3));
     assert_eq!(bench.fprd(0x1100, 4).0, [1, 2, 3, 4]);
     assert_eq!(bench.fprd(0x1200, 4).0, [9; 4]);
-    // Plain reads and writes do not know it.
+    // Plain reads and writes ignore it.
     bench.fpwr(0x1100, &[5]);
     assert_eq!((bench.fprd(0x1100, 1).0, bench.fprd(0x1200, 1).0), (vec![5], vec![9]));
-    // One byte further: each byte read is the one written before.
+    // With an offset of one byte, each byte read is the one written just before.
     bench.write(register::PHYSICAL_OFFSET, 1);
     bench.fpwr(0x1300, &[7, 0, 0, 0]);
     assert_eq!(bench.send(Command::Brw, Address::Broadcast(0x1300), &[1, 2, 3]).0, [7, 3, 3]);
     assert_eq!(bench.fprd(0x1300, 4).0, [7, 1, 2, 3]);
-    // Into nothing: read, not written. Round the end of the address space: both.
+    // A write beyond the memory is not counted, but the read is. Across the end of the address
+    // space both are counted.
     bench.write(register::PHYSICAL_OFFSET, 0x4000);
     assert_eq!(bench.send(Command::Fprw, station(0x1100), &[9]).1, 1);
     bench.write(register::PHYSICAL_OFFSET, 0xFF00);
     assert_eq!(bench.send(Command::Fprw, station(0x1200), &[8]).1, 3);
     assert_eq!(bench.fprd(0x1100, 1).0, [8]);
-    // A chip without it.
+    // This chip does not have the register.
     let mut bench = Bench::new(&ET1200);
     assert_eq!((bench.fprd(0x0108, 2).1, bench.fpwr(0x0108, &[0, 1])), (0, 0));
 }

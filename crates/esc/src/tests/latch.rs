@@ -9,7 +9,7 @@ const LATCHED: EscEvent = EscEvent::Latched { al_event: false };
 const PDI_OWNS: u8 = 0x30;
 
 impl Bench {
-    /// The pin of `input` has this level from `at` on.
+    /// Sets the pin of `input` to this level from `at` on.
     fn pin(&mut self, input: LatchInput, level: bool, at: u64) {
         self.run_to(at);
         self.esc.set_latch_input(input, level, device(at));
@@ -52,7 +52,7 @@ fn the_jitter_is_that_of_a_corrected_tick() {
     for edge in 0..20_000u64 {
         let at = bench.now.next_multiple_of(10) + 1_000 + edge % 10;
         bench.pin(LatchInput::Latch1, edge % 2 == 0, at);
-        // At its edge the clock was between two ticks.
+        // The edge lies between two ticks of the clock.
         let ns = (edge % 10) as i64;
         let before = bench.esc.system_time(device(at)).count() as i64 + ns;
         bench.run_to(at + 10);
@@ -65,7 +65,7 @@ fn the_jitter_is_that_of_a_corrected_tick() {
     assert_eq!((least, most), (0, 10), "an 11 ns tick begins after 1 ns at the earliest");
 }
 
-/// What changes and changes back between two ticks was not there.
+/// A level that changes and changes back between two ticks is not seen.
 #[test]
 fn a_pulse_between_two_ticks_is_not_seen() {
     let mut bench = Bench::new(&LAN9252);
@@ -74,7 +74,7 @@ fn a_pulse_between_two_ticks_is_not_seen() {
     bench.run_to(1_100_000);
     assert_eq!(bench.take_events(), []);
     assert_eq!(bench.read(register::LATCH0_STATUS), 0);
-    // Two ticks do see it.
+    // A pulse across two ticks is seen.
     bench.pin(LatchInput::Latch0, true, 1_200_001);
     bench.pin(LatchInput::Latch0, false, 1_200_011);
     bench.run_to(1_300_000);
@@ -83,7 +83,8 @@ fn a_pulse_between_two_ticks_is_not_seen() {
     assert_eq!(bench.read(register::LATCH0_NEGATIVE), 1_200_020);
 }
 
-/// Continuous: every edge overwrites, the status shows the pin alone, nobody is told.
+/// Continuous mode: every edge overwrites the time, the status shows only the pin, and there is no
+/// event.
 #[test]
 fn continuous_mode_keeps_the_last_edge() {
     let mut bench = Bench::new(&LAN9252);
@@ -122,21 +123,21 @@ fn single_events_wait_for_their_owner() {
         assert_eq!(bench.read(register::LATCH0_STATUS), 7);
         assert_eq!(bench.ecat_request(), u16::from(ecat));
         assert_eq!(bench.pdi().events() & LATCH, if ecat { 0 } else { LATCH });
-        // The other side reads without any effect.
+        // A read by the other side has no effect.
         let read = |bench: &mut Bench, ecat: bool, register| match ecat {
             true => bench.read(register),
             false => bench.pdi_read(register),
         };
         assert_eq!(read(&mut bench, !ecat, register::LATCH0_POSITIVE), 1_000_000);
         assert_eq!(bench.read(register::LATCH0_STATUS), 7);
-        // The owner frees each edge by itself.
+        // The owner frees each edge separately.
         assert_eq!(read(&mut bench, ecat, register::LATCH0_POSITIVE), 1_000_000);
         assert_eq!(bench.read(register::LATCH0_STATUS), 6);
         assert_eq!(bench.ecat_request(), u16::from(ecat));
         assert_eq!(read(&mut bench, ecat, register::LATCH0_NEGATIVE), 1_100_000);
         assert_eq!(bench.read(register::LATCH0_STATUS), 4);
         assert_eq!((bench.ecat_request(), bench.pdi().events() & LATCH), (0, 0));
-        // And the next is stored.
+        // The next edge is stored then.
         bench.pin(LatchInput::Latch0, false, 2_000_000);
         bench.pin(LatchInput::Latch0, true, 2_100_000);
         bench.run_to(2_200_000);
@@ -145,7 +146,7 @@ fn single_events_wait_for_their_owner() {
     }
 }
 
-/// A stored edge announces itself to the new owner when the unit changes hands.
+/// When the unit changes hands, a stored edge raises the event of the new owner.
 #[test]
 fn an_edge_goes_with_its_unit() {
     let mut bench = Bench::new(&LAN9252);
@@ -153,7 +154,7 @@ fn an_edge_goes_with_its_unit() {
     bench.pin(LatchInput::Latch1, true, 1_000_000);
     bench.run_to(1_000_100);
     assert_eq!((bench.ecat_request(), bench.pdi().events() & LATCH), (1, 0));
-    // Unit 0 has nothing to tell.
+    // Unit 0 has no stored edge.
     bench.fpwr(0x0980, &[0x10]);
     assert_eq!(bench.last_al_events(), 0);
     bench.fpwr(0x0980, &[0x20]);
@@ -174,14 +175,14 @@ fn each_edge_has_its_mode() {
     assert_eq!(bench.read(register::LATCH0_STATUS), 2);
     assert_eq!(bench.pdi_read(register::LATCH0_POSITIVE), 1_002_000, "the last");
     assert_eq!(bench.pdi_read(register::LATCH0_NEGATIVE), 1_000_500, "the first");
-    // No single event any more: nothing is kept.
+    // Without a single event no time is kept.
     bench.write(register::LATCH0_CONTROL, 0);
     assert_eq!(bench.read(register::LATCH0_STATUS), 0);
     bench.write(register::LATCH0_CONTROL, 2);
     assert_eq!(bench.read(register::LATCH0_STATUS), 0);
 }
 
-/// A read in a frame that proves bad acknowledges nothing; in a good one it does at the frame's end.
+/// A read in a frame that proves bad acknowledges nothing; a good frame acknowledges at its end.
 #[test]
 fn a_bad_frame_acknowledges_nothing() {
     let mut bench = Bench::new(&LAN9252);
@@ -201,12 +202,12 @@ fn a_bad_frame_acknowledges_nothing() {
     assert_eq!(bench.read(register::LATCH0_STATUS), 4);
 }
 
-/// The upper bytes belong to the moment in which a side read the first one.
+/// The upper bytes belong to the moment at which the side read the first byte.
 #[test]
 fn halves_of_a_time_belong_together() {
     let mut bench = Bench::new(&LAN9252);
     bench.write(register::SYSTEM_TIME_OFFSET, (7 << 32) - 1_000_000);
-    // 2^32 ns are no whole ticks.
+    // 2^32 ns are not a whole number of ticks.
     let (before, after) = (7u64 << 32, (8u64 << 32) + 14);
     bench.pin(LatchInput::Latch0, true, 1_000_000);
     bench.run_to(1_000_000);
@@ -228,18 +229,18 @@ fn halves_of_a_time_belong_together() {
 fn only_the_owner_writes_the_control() {
     let mut bench = Bench::new(&LAN9252);
     bench.write(register::CYCLIC_UNIT_CONTROL, 0x10);
-    // Unit 0 is the PDI's, unit 1 is not.
+    // Unit 0 belongs to the PDI, unit 1 does not.
     assert_eq!(bench.fpwr(0x09A8, &[1]), 0);
     assert_eq!(bench.fpwr(0x09A9, &[2]), 1);
     bench.pdi().store(register::LATCH0_CONTROL, 3);
     bench.pdi().store(register::LATCH1_CONTROL, 3);
     assert_eq!(bench.read(register::LATCH0_CONTROL), 3);
     assert_eq!(bench.read(register::LATCH1_CONTROL), 2);
-    // Times and status are nobody's to write.
+    // Neither side can write times and status.
     assert_eq!(bench.bwr(0x09AE, &[0xFF; 34]), 0);
 }
 
-/// A unit that the EEPROM has switched off sees nothing.
+/// A latch unit that the EEPROM has switched off sees nothing.
 #[test]
 fn without_latch_unit_nothing_happens() {
     let mut off = SII;
@@ -253,7 +254,7 @@ fn without_latch_unit_nothing_happens() {
     assert_eq!(bench.fprd(0x0990, 8).1, 1, "the SYNC unit is there");
 }
 
-/// A reset forgets times, but the pin stays what it is.
+/// A reset clears the times, but the level of the pin stays.
 #[test]
 fn a_reset_leaves_the_pins() {
     let mut bench = Bench::new(&LAN9252);

@@ -31,10 +31,10 @@ fn either_side_overrides_until_the_next_state() {
     assert_eq!(bench.read(register::RUN_LED), 0x13);
     enter(&mut bench, 4);
     assert_eq!(bench.read(register::RUN_LED), 0x01);
-    // Without bit 4 the LED is the state's.
+    // Without bit 4 the LED shows the state.
     bench.write(register::RUN_LED, 0x0F);
     assert_eq!(bench.read(register::RUN_LED), 0x01);
-    // A bad frame lights nothing.
+    // A bad frame has no effect on the LED.
     bench.frame(false, &[(Command::Fpwr, station(0x0138), &[0x1F])]);
     assert_eq!(bench.read(register::RUN_LED), 0x01);
 }
@@ -68,7 +68,7 @@ fn a_chip_without_override() {
     }
 }
 
-/// The MainDevice asks for the identification, the device loads it into the AL status code.
+/// The MainDevice asks for the identification, and the device loads it into the AL status code.
 #[test]
 fn identification() {
     let mut bench = Bench::new(&LAN9252);

@@ -47,7 +47,7 @@ fn the_life_of_two_mailboxes() {
     assert_eq!(bench.pdi().events(), 0);
 }
 
-/// As TwinCAT does: the used bytes, then the last byte, in one frame; each datagram counts.
+/// TwinCAT writes the used bytes and then the last byte in one frame; each datagram counts.
 #[test]
 fn parts_of_a_mailbox() {
     let mut bench = mailboxes(&LAN9252);
@@ -62,10 +62,10 @@ fn parts_of_a_mailbox() {
     // Without its first byte a mailbox does not open.
     assert_eq!(bench.fpwr(0x1001, &[7; 127]), 0);
     assert_eq!(bench.fpwr(0x107F, &[7]), 0);
-    // Against the direction nobody gets anything.
+    // Against the direction of the mailbox no access succeeds.
     assert_eq!(bench.fprd(0x1000, 128).1, 0);
     assert_eq!(bench.fpwr(0x1080, &[1; 128]), 0);
-    // Two areas in one datagram: the free one takes its part.
+    // One datagram covers two areas: only the free one accepts its part.
     assert_eq!(bench.fpwr(0x1000, &[6; 256]), 1);
     assert_eq!(bench.pdi_bytes(0x1000, 128), [6; 128]);
 }
@@ -88,10 +88,10 @@ fn a_bad_frame_changes_no_hands() {
 fn a_running_sync_manager_keeps_its_configuration() {
     let mut bench = mailboxes(&ET1100);
     assert_eq!(bench.fpwr(0x0800, &[0xFF; 5]), 0);
-    // The same write with the activate byte counts, for that byte.
+    // The same write with the activate byte counts for that byte only.
     assert_eq!(bench.fpwr(0x0800, &[0, 0x12, 0x40, 0, 0x26, 0, 1, 0]), 1);
     assert_eq!(bench.read(register::SM_0).start, 0x1000);
-    // Off first, then anew in one go.
+    // Switched off first, it can be configured in one write.
     bench.fpwr(0x0806, &[0]);
     assert_eq!(bench.fprd(0x1000, 4).1, 1, "plain memory now");
     bench.fpwr(0x0800, &[0, 0x12, 0x40, 0, 0x26, 0, 1, 0]);
@@ -137,7 +137,7 @@ fn deactivation_waits_for_the_end_of_the_frame() {
     assert_eq!(bench.pdi_read(control), 1);
 }
 
-/// The mailbox-full flag in the process image: a FMMU onto a register, one bit of it.
+/// The mailbox-full flag in the process image: an FMMU maps one bit of a register.
 #[test]
 fn the_mailbox_flag_in_the_process_image() {
     let mut bench = mailboxes(&ET1100);

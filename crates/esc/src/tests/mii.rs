@@ -23,7 +23,7 @@ fn a_transaction_takes_its_64_bits() {
     assert_eq!(bench.esc.register(register::MII_STATUS), 0x0000);
     assert_eq!(bench.esc.register(register::MII_DATA), 0x0181);
     assert_eq!(bench.take_events(), [], "nobody is told");
-    // Busy: no second command.
+    // While busy it accepts no second command.
     bench.fpwr(0x0510, &[0x00, 0x01, 1, 4]);
     assert_eq!(bench.fpwr(0x0510, &[0x00, 0x01, 1, 0]), 0);
 }
@@ -31,7 +31,7 @@ fn a_transaction_takes_its_64_bits() {
 #[test]
 fn phys_know_their_links() {
     let mut bench = Bench::new(&ET1100_MII);
-    // Port 0 is plugged, port 1 not; there is no PHY at 2, nor a register 7.
+    // Port 0 has a link, port 1 has none; PHY 2 and register 7 do not exist.
     assert_eq!(read_phy(&mut bench, 0, 1), (0x0000, 0x602D));
     assert_eq!(read_phy(&mut bench, 1, 1), (0x0000, 0x6009));
     bench.esc.set_port(PortNumber::P1, true);
@@ -83,7 +83,7 @@ fn ecat_and_pdi_share_it() {
     bench.pdi().write(0x0510, &[0x00, 0x01, 0, 1]);
     bench.run_to(bench.now + 25_600);
     assert_eq!(bench.pdi_read(register::MII_DATA), 0x602D);
-    // By force: the PDI loses it, and cannot take it while the force lasts.
+    // Taken by force, the PDI loses it and cannot take it while the force lasts.
     assert_eq!(bench.fpwr(0x0517, &[1]), 1);
     assert_eq!(bench.read(register::MII_PDI_ACCESS), 1, "bit 0 is not ECAT's");
     bench.write(register::MII_PDI_ACCESS, 2);
@@ -91,7 +91,7 @@ fn ecat_and_pdi_share_it() {
     bench.pdi().store(register::MII_PDI_ACCESS, 1);
     assert_eq!(bench.read(register::MII_PDI_ACCESS), 2);
     bench.write(register::MII_PDI_ACCESS, 0);
-    // ECAT alone.
+    // ECAT alone has access.
     bench.write(register::MII_ECAT_ACCESS, 1);
     assert_eq!(bench.read(register::MII_STATUS), 0x0004);
     bench.pdi().store(register::MII_PDI_ACCESS, 1);
@@ -110,7 +110,7 @@ fn phy_status_of_the_ports() {
     assert_eq!(bench.read(register::PHY_STATUS), 0x0000_0300);
     assert_eq!(bench.bwr(0x0518, &[0xFF; 4]), 1);
     assert_eq!(bench.read(register::PHY_STATUS), 0x0000_0300);
-    // An ET1100 has neither these nor the access registers.
+    // An ET1100 has neither the link registers nor the access registers.
     let mut bench = Bench::new(&ET1100_MII);
     assert_eq!(bench.fprd(0x0510, 6).1, 1);
     assert_eq!((bench.fprd(0x0516, 2).1, bench.fprd(0x0518, 4).1), (0, 0));

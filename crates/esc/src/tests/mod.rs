@@ -1,5 +1,5 @@
-//! The ESC as seen from both its sides. Numbers of vectors are those of the project's list of captures
-//! from real chips.
+//! Tests of the ESC from both of its sides. Vector numbers are those of the project's list of
+//! captures from real chips.
 
 mod acknowledge;
 mod clocks;
@@ -34,7 +34,7 @@ use isocat_wire::{AutoIncrementAddress, Command, PortNumber, Register, StationAd
 
 use crate::{Chip, Esc, EscEvent, Pdi, PdiExt, Processed};
 
-/// An ESC, a clock and a MainDevice's way to send it one datagram a frame.
+/// An ESC, a clock and a MainDevice that sends one datagram in each frame.
 struct Bench {
     esc: Esc<Vec<u8>>,
     now: u64,
@@ -43,7 +43,8 @@ struct Bench {
     irq: u16,
 }
 
-/// PDI on an on-chip bus, SYNC and latch units on, SYNC0 and SYNC1 mapped to AL events, 100 us pulses.
+/// PDI on an on-chip bus, SYNC and latch units on, SYNC0 and SYNC1 mapped to AL events, 100 us
+/// pulses.
 const SII: [u8; 14] = [0x80, 0x0E, 0x00, 0xEE, 0x10, 0x27, 0, 0, 0x34, 0x12, 0, 0, 0, 0];
 
 fn image(configuration: [u8; 14]) -> Vec<u8> {
@@ -69,7 +70,7 @@ impl Bench {
         bench
     }
 
-    /// Lets the ESC live until `now`.
+    /// Handles all events of the ESC until `now`.
     fn run_to(&mut self, now: u64) {
         self.now = now;
         while let Some((at, event)) = self.esc.step(Time::new(now)) {
@@ -79,7 +80,8 @@ impl Bench {
         assert!(self.esc.next_event().count() > now);
     }
 
-    /// Sends datagrams in one frame and lets it end; data and working counters as they come back.
+    /// Sends datagrams in one frame and handles its end. Returns data and working counters as they
+    /// come back.
     fn frame(&mut self, good: bool, list: &[(Command, Address, &[u8])]) -> Vec<(Vec<u8>, u16)> {
         let mut buffer = [0; MAX_LEN];
         let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);
@@ -118,7 +120,7 @@ impl Bench {
         self.send(Command::Bwr, Address::Broadcast(ado), data).1
     }
 
-    /// A register by FPRD, which has to count.
+    /// Reads a register by FPRD, which must count.
     fn read<T: Value>(&mut self, register: Register<T>) -> T {
         let (data, wkc) = self.fprd(register.address, T::LEN);
         assert_eq!(wkc, 1, "register {:#06x} answers", register.address);
@@ -127,7 +129,7 @@ impl Bench {
         T::from_bytes(bytes)
     }
 
-    /// A register by APWR, which has to count.
+    /// Writes a register by APWR, which must count.
     fn write<T: Value>(&mut self, register: Register<T>, value: T) {
         let address = Address::Position(AutoIncrementAddress(0), register.address);
         let (_, wkc) = self.send(Command::Apwr, address, value.to_bytes().as_ref());
@@ -148,7 +150,7 @@ impl Bench {
         data
     }
 
-    /// Own events that are not the end of a frame, and forgets all.
+    /// Takes all recorded events except frame ends.
     fn take_events(&mut self) -> Vec<(u64, EscEvent)> {
         let mut events = core::mem::take(&mut self.events);
         events.retain(|(_, event)| !matches!(event, EscEvent::FrameEnd { .. }));

@@ -8,7 +8,7 @@ fn times(bench: &mut Bench) -> [u32; 2] {
     [register::RECEIVE_TIME_0, register::RECEIVE_TIME_1].map(|time| bench.esc.register(time))
 }
 
-/// A frame that writes 0x0900 arrives at port 0 at `at`.
+/// A frame that writes 0x0900 arrives at port 0 at the instant `at`.
 fn latch(bench: &mut Bench, at: u64) {
     bench.run_to(at);
     assert_eq!(bench.bwr(0x0900, &[0; 4]), 1);
@@ -16,7 +16,7 @@ fn latch(bench: &mut Bench, at: u64) {
     bench.esc.receive_at_port(PortNumber::P0, device(at));
 }
 
-/// With nothing else on its way, the next frame is the one that wrote; those behind it change
+/// If no other frame is on its way, the next frame is the one that wrote; later frames change
 /// nothing.
 #[test]
 fn alone_the_writing_frame_is_the_next_one() {
@@ -35,8 +35,8 @@ fn alone_the_writing_frame_is_the_next_one() {
     assert_eq!(times(&mut bench), [100_000, 100_320]);
 }
 
-/// A frame that was still behind the port is stamped in its place, if it begins there no earlier
-/// than the writing one at the EPU.
+/// A frame that was still behind the port is stamped instead, if it begins there no earlier than
+/// the writing frame begins at the EPU.
 #[test]
 fn a_frame_on_its_way_is_stamped_instead() {
     for (before, stamp) in [(10, 58_000), (0, 50_000)] {
@@ -46,7 +46,7 @@ fn a_frame_on_its_way_is_stamped_instead() {
         bench.esc.receive_at_port(PortNumber::P1, device(58_000));
         assert_eq!(times(&mut bench), [50_000, stamp], "{before} ns before");
     }
-    // Other chips know the frame: theirs is the last that was reported.
+    // Other chips identify the frame: they keep the last arrival that was reported.
     let mut bench = Bench::new(&LAN9252);
     latch(&mut bench, 50_000);
     assert!(!bench.esc.awaits_frame(PortNumber::P1));
@@ -54,8 +54,8 @@ fn a_frame_on_its_way_is_stamped_instead() {
     assert_eq!(times(&mut bench), [50_000, 58_000]);
 }
 
-/// A port stays enabled until a frame arrives or the chip is reset. What enabled nothing stamps
-/// nothing.
+/// A port stays enabled until a frame arrives or the chip is reset. A port that was not enabled
+/// stamps nothing.
 #[test]
 fn a_port_waits_for_its_frame() {
     let mut bench = Bench::new(&ET1200);

@@ -23,7 +23,7 @@ const IMAGE: Address = Address::Logical(0x1_0000);
 fn working_counters_of_process_data() {
     let mut bench = process_data(&LAN9252);
     assert_eq!(bench.read(register::sm_status(2)), 0x30, "no buffer was ever written");
-    // Before the application wrote its inputs they do not count.
+    // Inputs do not count before the application has written them.
     assert_eq!(bench.send(Command::Lrw, IMAGE, &[1, 2, 3, 4, 5, 6]), (vec![1, 2, 3, 4, 5, 6], 2));
     bench.pdi().write(0x1180, &[9; 6]);
     assert_eq!(bench.send(Command::Lrw, IMAGE, &[1, 2, 3, 4, 5, 6]), (vec![9; 6], 3));
@@ -31,7 +31,7 @@ fn working_counters_of_process_data() {
     assert_eq!(bench.send(Command::Lwr, IMAGE, &[1; 6]).1, 1);
     assert_eq!(bench.send(Command::Lrw, Address::Logical(0x1_0006), &[0; 6]).1, 0);
     assert_eq!(bench.send(Command::Lrw, Address::Logical(0x0_FFFA), &[0; 6]).1, 0);
-    // A part of an area opens it and does not close it.
+    // An access to a part of an area opens it and does not close it.
     assert_eq!(bench.send(Command::Lrd, IMAGE, &[0; 5]).1, 1);
     assert_eq!(bench.read(register::sm_status(3)) & SyncManager::STATUS_READING, 0x40);
 }
@@ -67,7 +67,7 @@ fn the_newest_outputs_win() {
     assert_eq!(bench.pdi_bytes(0x1100, 4), [2; 4]);
     assert_eq!(bench.pdi().events(), 0);
     assert_eq!(bench.pdi_bytes(0x1100, 4), [2; 4], "the last outputs stay readable");
-    // While the PDI reads, ECAT writes as often as it likes.
+    // While the PDI reads, ECAT can write any number of times.
     bench.send(Command::Lwr, IMAGE, &[3; 4]);
     assert_eq!(bench.pdi_bytes(0x1100, 2), [3; 2]);
     for value in 4..9 {
@@ -75,15 +75,15 @@ fn the_newest_outputs_win() {
     }
     assert_eq!(bench.pdi_bytes(0x1102, 2), [3; 2], "one buffer, one cycle");
     assert_eq!(bench.pdi_bytes(0x1100, 4), [8; 4]);
-    // A bad frame leaves the old outputs.
+    // After a bad frame the old outputs remain.
     bench.frame(false, &[(Command::Lwr, IMAGE, &[7; 4])]);
     assert_eq!(bench.pdi_bytes(0x1100, 4), [8; 4]);
-    // The other two buffers are nobody's.
+    // Neither side can access the other two buffers.
     assert_eq!(bench.fprd(0x1104, 8).1, 0);
     assert_eq!(bench.fprd(0x110C, 1).1, 1);
 }
 
-/// The order of buffers that three-buffer exchange gives, by the status register.
+/// The order of the buffers in three-buffer exchange, as the status register shows it.
 #[test]
 fn last_written_buffer() {
     let mut bench = process_data(&ET1100);
@@ -112,7 +112,7 @@ fn inputs_are_of_one_cycle() {
 
 #[test]
 fn overlapping_outputs_and_inputs_exchange() {
-    // Outputs and inputs share logical bytes and, here, also memory.
+    // Outputs and inputs share logical bytes and, in this test, also memory.
     let mut bench = Bench::new(&ET1100);
     bench.fpwr(0x0600, &Fmmu::bytes(0x1_0000, 4, 0x1100, Fmmu::WRITE).to_bytes());
     bench.fpwr(0x0610, &Fmmu::bytes(0x1_0000, 4, 0x1200, Fmmu::READ).to_bytes());
@@ -121,7 +121,7 @@ fn overlapping_outputs_and_inputs_exchange() {
     assert_eq!(bench.fprd(0x1100, 4).0, [1, 2, 3, 4]);
 }
 
-/// The data sheet's example of a bit-wise FMMU, written and read back through another one.
+/// The data sheet's example of a bit-wise FMMU is written, and read back through another FMMU.
 #[test]
 fn bits_land_where_the_data_sheet_says() {
     let mut bench = Bench::new(&ET1100);
@@ -174,7 +174,7 @@ fn the_watchdog_expires_to_the_tick() {
     assert_eq!(bench.read(register::WATCHDOG_COUNTER_PROCESS_DATA), 1);
     bench.bwr(0x0442, &[0, 0]);
     assert_eq!(bench.read(register::WATCHDOG_COUNTER_PROCESS_DATA), 0);
-    // A time of zero switches it off, a bad frame does not restart it.
+    // A time of zero switches it off, and a bad frame does not restart it.
     bench.send(Command::Lwr, IMAGE, &[1; 4]);
     let due = bench.now + 100_000_000;
     bench.frame(false, &[(Command::Lwr, IMAGE, &[1; 4])]);
@@ -187,7 +187,7 @@ fn the_watchdog_expires_to_the_tick() {
     assert_eq!(others(bench.take_events()), []);
 }
 
-/// A digital output device without CPU: SM0 guards a register, one byte.
+/// This digital output device has no CPU: SM0 guards one byte of a register.
 #[test]
 fn a_sync_manager_over_digital_outputs() {
     let mut bench = Bench::new(&ET1100);

@@ -19,7 +19,7 @@ fn signatures() {
     }
 }
 
-/// Vector 1: three devices OR their types, each adds one to the position and to the counter.
+/// Vector 1: three devices OR their types; each adds one to the position and to the counter.
 #[test]
 fn broadcast_read_through_three() {
     let mut buffer = [0; 60];
@@ -74,7 +74,7 @@ fn working_counters_of_read_and_write() {
     assert_eq!(bench.fprd(0x1100, 1), (vec![6], 1));
 }
 
-/// Vectors 6, 7, 8 and 19, and what masters write at start-up.
+/// Vectors 6, 7, 8 and 19, and the writes of common MainDevices at start-up.
 #[test]
 fn what_counts_and_what_does_not() {
     let mut bench = Bench::with(&ET1200, [0; 14]);
@@ -97,7 +97,7 @@ fn what_counts_and_what_does_not() {
     assert_eq!(bench.bwr(0x0110, &[0; 2]), 0);
     assert_eq!(bench.bwr(0x0130, &[0; 2]), 0);
     assert_eq!(bench.fprd(0x0130, 6).1, 1);
-    // Nothing there: no count, data untouched.
+    // Addresses that do not exist give no count and leave the data unchanged.
     assert_eq!(bench.send(Command::Fprd, station(0x0A00), &[7; 4]), (vec![7; 4], 0));
     assert_eq!(bench.send(Command::Fprd, station(0x3000), &[7; 4]), (vec![7; 4], 0));
     assert_eq!(bench.send(Command::Fprd, station(0x2FFE), &[7; 4]), (vec![0, 0, 7, 7], 1));
@@ -118,7 +118,7 @@ fn registers_change_at_the_end_of_a_good_frame() {
     let answers = bench.frame(true, &[write, read]);
     assert_eq!(answers, [(vec![0x10, 0x20], 1), (vec![0xC2, 0x09], 1)]);
     assert_eq!(bench.read(register::WATCHDOG_DIVIDER), 0x2010);
-    // Not before the last bit of the frame.
+    // A register does not change before the last bit of the frame.
     let mut buffer = [0; 60];
     let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);
     writer.push(Command::Fpwr, 0, station(0x0400), &[0x33, 0]).unwrap();
@@ -131,7 +131,7 @@ fn registers_change_at_the_end_of_a_good_frame() {
     let event = Some((device(end), EscEvent::FrameEnd { al_events: 0 }));
     assert_eq!(bench.esc.step(device(end)), event);
     assert_eq!(bench.esc.register(register::WATCHDOG_DIVIDER), 0x33);
-    // User RAM and process RAM change at once, and also by a bad frame.
+    // User RAM and process RAM change at once, even by a bad frame.
     bench.now = end;
     let list = [
         (Command::Fpwr, station(0x0F80), &[1][..]),
@@ -193,7 +193,8 @@ fn device_emulation() {
     assert_eq!(bench.pdi().events(), 0);
 }
 
-/// The circuit in the place of a CPU sees each exchange and each change of state; a CPU only what may interrupt it.
+/// The circuit of a device without CPU sees each exchange and each change of state; a CPU sees only
+/// events that may interrupt it.
 #[test]
 fn without_a_cpu_exchanges_need_no_interrupt() {
     for (emulation, exchange) in [(1, register::al_event::sync_manager(0)), (0, 0)] {
@@ -229,7 +230,7 @@ fn write_protection() {
     assert_eq!(bench.frame(true, &[(Command::Fpwr, station(0x0030), &[0]), write])[1].1, 0);
 }
 
-/// The write enables last until the next frame arrives, whatever it is.
+/// The write enables last until the next frame arrives, whatever that frame contains.
 #[test]
 fn write_enables_can_be_read_between_frames() {
     let mut bench = Bench::new(&ET1100);
@@ -247,7 +248,7 @@ fn write_enables_can_be_read_between_frames() {
         assert_eq!(bench.frame(true, &[enable, write])[1].1, counted);
         assert_eq!(bench.frame(true, &[write, enable])[0].1, 0, "too late");
     }
-    // Reads and the PDI are free.
+    // Reads, and accesses of the PDI, are not protected.
     assert_eq!(bench.fprd(0x1000, 1).1, 1);
     bench.pdi().write(0x1000, &[7]);
     assert_eq!(bench.fprd(0x1000, 1).0, [7]);
@@ -272,7 +273,7 @@ fn registers_by_chip() {
     }
 }
 
-/// Product and vendor numbers are the profile's.
+/// Product and vendor numbers come from the profile.
 #[test]
 fn product_and_vendor() {
     static CHIP: Chip = Chip {
@@ -285,7 +286,7 @@ fn product_and_vendor() {
     assert_eq!(bench.pdi_bytes(0x0E00, 16), numbers);
 }
 
-/// From the PDI's side: the same three letters, each in an access of its own.
+/// From the PDI's side the same three letters reset the ESC, each in its own access.
 #[test]
 fn the_pdi_resets_too() {
     let mut bench = Bench::new(&LAN9252);
@@ -317,11 +318,11 @@ fn three_letters_reset() {
     assert_eq!(bench.esc.register(register::STATION_ADDRESS), 0);
     assert!(bench.esc.dl_status().open(PortNumber::P0), "links stay");
     assert_eq!(bench.esc.register(register::STATION_ALIAS), 0x1234);
-    // The local time starts anew.
+    // The local time restarts.
     assert!(bench.esc.local_time(device(bench.now)).count() < 100);
 }
 
-/// What power-on gives back is what a new chip has, but for the EEPROM.
+/// After power-on everything is as in a new chip, except the EEPROM.
 #[test]
 fn power_on_begins_anew() {
     let mut bench = Bench::new(&LAN9252);

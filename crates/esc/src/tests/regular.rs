@@ -1,4 +1,4 @@
-//! The short way of what comes in every cycle has the effects of the long one, to the last register.
+//! The fast path for cyclic datagrams has the same effects as the slow one, to the last register.
 
 use std::format;
 
@@ -12,7 +12,7 @@ use isocat_wire::{AutoIncrementAddress, Command, StationAddress, Time, register}
 use super::*;
 use crate::{Chip, ET1100, IP_CORE_32, IP_CORE_32_EMULATED, LAN9252, XMC4800};
 
-/// Two ESCs that go through the same, one of them the long way only.
+/// Two ESCs with the same history; one of them takes the slow path only.
 struct Twins {
     both: [Esc<Vec<u8>>; 2],
     now: u64,
@@ -136,7 +136,7 @@ impl Twins {
         self.live(50_000);
     }
 
-    /// A frame as in a cycle, or one with something in it that is not.
+    /// A cyclic frame, or one that also contains something else.
     fn any_frame(&mut self) {
         let now = self.both[1].system_time(Time::new(self.now)).count();
         let time = now.wrapping_add(self.below(4_000)).wrapping_sub(2_000).to_le_bytes();
@@ -175,7 +175,7 @@ impl Twins {
                 }
                 (true, 6) => (Command::Fpwr, station(0x1001, 0x0120), vec![2, 0]),
                 (true, _) => {
-                    // Write protection, or FMMUs that end.
+                    // A write to write protection, or FMMUs that end.
                     let address = [0x0021, 0x0031, 0x060C, 0x0200][self.below(4) as usize];
                     (Command::Fpwr, station(0x1001, address), vec![self.below(2) as u8])
                 }

@@ -5,8 +5,8 @@ use super::*;
 use crate::{ET1100, IP_CORE_32, LAN9252};
 use isocat_wire::dc::{ActivationStatus, AssignActivate, SyncActivation};
 
-/// Writes the start time and activates, both in one frame; the instant and system time of the
-/// activation.
+/// Writes the start time and activates the unit, both in one frame. Returns the instant and the
+/// system time of the activation.
 fn activate_at(bench: &mut Bench, bits: u8, start: impl Fn(u64) -> u64) -> (u64, u64) {
     bench.run_to(bench.now.next_multiple_of(10) + 1_000);
     let activation = [0, bits];
@@ -24,7 +24,8 @@ fn activate_at(bench: &mut Bench, bits: u8, start: impl Fn(u64) -> u64) -> (u64,
     (at, system)
 }
 
-/// The first pulse after the start was reached, missed by one ns, or is 1 ns beyond the near future.
+/// The first pulse when the start is just reached, is missed by 1 ns, or lies 1 ns beyond the near
+/// future.
 #[test]
 fn the_start_by_the_smallest_step() {
     const NEAR: u64 = 1 << 31;
@@ -68,7 +69,8 @@ fn the_start_by_the_smallest_step() {
     }
 }
 
-/// The signal's level: as long as the EEPROM says, and never two edges in one.
+/// The signal stays active for the length that the EEPROM sets, and never has two edges in one
+/// pulse.
 #[test]
 fn the_pulse_has_the_length_of_the_eeprom() {
     for (ticks, length) in [(1u16, 10), (10_000, 100_000), (65_535, 655_350)] {
@@ -97,11 +99,11 @@ fn changes_while_active() {
     let mut bench = Bench::new(&LAN9252);
     let begin = start(&mut bench, MS as u32, 250_000, AssignActivate::SYNC0_AND_SYNC1);
     bench.run_to(begin + MS / 10);
-    // The planned SYNC0 stays; the SYNC1 that waits stays.
+    // The planned SYNC0 stays, and so does the SYNC1 that waits.
     bench.write(register::SYNC0_CYCLE, 2 * MS as u32);
     bench.write(register::SYNC1_CYCLE, 750_000);
     assert_eq!(timeline(&mut bench, begin, 6), (vec![0, 4, 12, 20], vec![1, 7, 15, 23]));
-    // An output switched off is silent, and waits for a first pulse when it is on again.
+    // An output that is switched off gives no pulse; switched on again it waits for a first pulse.
     bench.write(register::SYNC_ACTIVATION, SyncActivation(0x03));
     assert_eq!(timeline(&mut bench, begin, 8), (vec![28], vec![]));
     bench.write(register::SYNC_ACTIVATION, SyncActivation(0x07));
@@ -117,7 +119,7 @@ fn changes_while_active() {
     assert_eq!(timeline(&mut bench, begin, 30), (vec![], vec![]));
 }
 
-/// Acknowledge mode: each output by its own register, and by the PDI alone.
+/// Acknowledge mode: each output is acknowledged by its own register, and only by the PDI.
 #[test]
 fn each_output_is_acknowledged_by_itself() {
     let mut acknowledge = SII;
@@ -131,7 +133,7 @@ fn each_output_is_acknowledged_by_itself() {
     assert_eq!(bench.pdi_read(register::SYNC1_STATUS), 0);
     assert_eq!(bench.esc.sync_signals(device(bench.now)), [true, false]);
     bench.take_events();
-    // A SYNC0 that falls due meanwhile is not queued.
+    // A SYNC0 that falls due meanwhile is lost.
     bench.run_to(begin + MS * 7 / 4);
     assert_eq!(bench.take_events(), [(begin + MS * 3 / 2, EscEvent::Sync1)]);
     assert_eq!(bench.esc.sync_pulses_without_edge(), [1, 0]);
@@ -163,7 +165,8 @@ fn an_offset_moved_back_delays_the_next_pulse() {
     }
 }
 
-/// The next pulse in halves, each side for itself; at rest it is the start time as written.
+/// The next pulse is read in halves, consistently for each side; at rest it is the start time as
+/// written.
 #[test]
 fn halves_of_the_next_pulse_belong_together() {
     let mut bench = Bench::new(&LAN9252);

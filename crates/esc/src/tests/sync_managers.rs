@@ -1,4 +1,4 @@
-//! The common rules of SyncManagers and FMMUs, one by one.
+//! The common rules of SyncManagers and FMMUs, tested one by one.
 
 use super::*;
 use crate::{ET1100, ET1200, IP_CORE_32, LAN9252};
@@ -26,7 +26,7 @@ fn a_buffer_is_filled_over_several_frames() {
     assert_eq!(status(&mut bench), SyncManager::STATUS_WRITING);
     assert_eq!(bench.fpwr(0x1004, &[5, 6]), 1);
     assert_eq!(bench.fpwr(0x1002, &[3]), 1, "in any order");
-    // The first byte again: from the beginning.
+    // A write of the first byte starts again from the beginning.
     assert_eq!(bench.fpwr(0x1000, &[0x11]), 1);
     assert_eq!(status(&mut bench), SyncManager::STATUS_WRITING);
     assert_eq!(bench.fpwr(0x1007, &[8]), 1);
@@ -35,8 +35,8 @@ fn a_buffer_is_filled_over_several_frames() {
     assert_eq!(bench.pdi_bytes(0x1000, 8), [0x11, 0, 3, 0, 5, 6, 0, 8]);
 }
 
-/// Status bits 6 and 7 exist on all chips but the ET1100. What they would show happens there too:
-/// the bit of the buffer that was read goes when the next one is opened.
+/// Status bits 6 and 7 exist on all chips but the ET1100. The buffers behave in the same way there:
+/// the bit of the buffer that was read is cleared when the next one is opened.
 #[test]
 fn buffers_in_use_show_by_chip() {
     for (chip, shown) in [(&ET1100, 0x00), (&ET1200, 0xC0), (&LAN9252, 0xC0), (&IP_CORE_32, 0xC0)] {
@@ -58,8 +58,8 @@ fn buffers_in_use_show_by_chip() {
     }
 }
 
-/// Bits 4 to 11 of the ECAT event request, and so the IRQ field of every frame, hold the events of
-/// those SyncManagers alone that are set to raise them: control bit 4.
+/// Bits 4 to 11 of the ECAT event request, and so the IRQ field of every frame, show only events of
+/// SyncManagers that are set to raise them: control bit 4.
 #[test]
 fn ecat_events_only_of_sync_managers_that_raise_them() {
     for (control, expected) in [(0x00, [0, 0]), (SyncManager::CONTROL_ECAT_EVENT, [1 << 4, 1 << 5])]
@@ -81,7 +81,7 @@ fn ecat_events_only_of_sync_managers_that_raise_them() {
     }
 }
 
-/// Opened and closed, opened again and not closed, in one frame: it stays open.
+/// One frame opens and closes the buffer, then opens it again: it stays open.
 #[test]
 fn the_first_byte_restarts_also_within_a_frame() {
     let mut bench = Bench::new(&LAN9252);
@@ -94,7 +94,7 @@ fn the_first_byte_restarts_also_within_a_frame() {
     assert_eq!(bench.pdi_bytes(0x1000, 4), [2, 1, 1, 3]);
 }
 
-/// A bad frame leaves status and buffers, opened or not, as they were.
+/// After a bad frame status and buffers, opened or not, are as before it.
 #[test]
 fn a_bad_frame_is_as_if_it_had_not_been() {
     let mut bench = Bench::new(&ET1100);
@@ -117,7 +117,7 @@ fn a_bad_frame_is_as_if_it_had_not_been() {
     assert_eq!(wkc(bench.frame(false, &list)), [1, 1, 1, 1]);
     assert_eq!(bench.esc.registers()[0x0800..0x0880], before[0x0800..0x0880]);
     assert_eq!(bench.pdi().events(), events);
-    // The outputs that were half written are completed, the others read.
+    // The outputs that were half written are completed; the other outputs are read.
     assert_eq!(bench.fpwr(0x1002, &[1; 2]), 1);
     assert_eq!(bench.pdi_bytes(0x1002, 2), [0; 2]);
     assert_eq!(bench.fprd(0x1080, 4), (vec![2; 4], 1));
@@ -128,13 +128,13 @@ fn a_bad_frame_is_as_if_it_had_not_been() {
 fn the_configuration_is_locked_from_before_the_frame() {
     let mut bench = Bench::new(&ET1100);
     configure(&mut bench, 0, 0x1000, 4, SyncManager::MAILBOX_OUT);
-    // Switched off in the same frame: too late for this frame.
+    // A switch-off in the same frame comes too late for this frame.
     let off = (Command::Fpwr, station(0x0806), &[0][..]);
     let start = (Command::Fpwr, station(0x0800), &[0x00, 0x12][..]);
     assert_eq!(wkc(bench.frame(true, &[off, start])), [1, 0]);
     assert_eq!(bench.read(register::SM_0).start, 0x1000);
     assert_eq!(wkc(bench.frame(true, &[start])), [1]);
-    // Status and PDI control are nobody's on the wire.
+    // The wire cannot write status and PDI control.
     assert_eq!((bench.fpwr(0x0805, &[0xFF]), bench.fpwr(0x0807, &[0xFF])), (0, 0));
     // Switched on and configured in two datagrams of one frame.
     let on = (Command::Fpwr, station(0x0806), &[1][..]);
@@ -142,7 +142,7 @@ fn the_configuration_is_locked_from_before_the_frame() {
     assert_eq!(wkc(bench.frame(true, &[on, rest])), [1, 1]);
     assert_eq!(bench.fpwr(0x1200, &[1, 2]), 1);
     assert_eq!(bench.read(register::sm_status(0)), 0x09);
-    // Off and on again, it is empty.
+    // Switched off and on again, the mailbox is empty.
     bench.fpwr(0x0806, &[0]);
     assert_eq!(bench.read(register::sm_status(0)), 0x00);
     bench.fpwr(0x0806, &[1]);
@@ -162,7 +162,7 @@ fn one_byte_has_no_handshake() {
         assert_eq!(bench.pdi().events(), 0);
         assert_eq!(bench.pdi_bytes(0x1000, 1), [2], "never empty");
         assert_eq!(bench.fpwr(0x1001, &[7; 2]), 1, "one byte reserves one byte");
-        // The direction holds.
+        // The direction stays in force.
         assert_eq!(bench.fprd(0x1000, 1).1, 0);
         bench.pdi().write(0x1000, &[9]);
         assert_eq!(bench.pdi_bytes(0x1000, 1), [2]);
@@ -178,7 +178,7 @@ fn no_byte_guards_nothing() {
     assert_eq!(bench.pdi().events(), 0);
 }
 
-/// Where areas overlap, the SyncManager with the lower number has the byte.
+/// Where areas overlap, the SyncManager with the lower number guards the byte.
 #[test]
 fn overlapping_areas() {
     let mut bench = Bench::new(&ET1100);
@@ -188,12 +188,13 @@ fn overlapping_areas() {
     assert_eq!(bench.read(register::sm_status(0)), 0x09);
     assert_eq!(bench.read(register::sm_status(1)), 0x00);
     assert_eq!(bench.pdi_bytes(0x1000, 4), [1, 2, 3, 4]);
-    // SM1's first byte is SM0's: it never opens.
+    // SM1's first byte belongs to SM0, so SM1 never opens.
     bench.pdi().write(0x1002, &[5; 4]);
     assert_eq!(bench.fprd(0x1004, 2).1, 0);
 }
 
-/// Free memory, two areas and free memory again in one datagram: whoever may, takes part.
+/// One datagram covers free memory, two areas and free memory again: each part is accessed where
+/// allowed.
 #[test]
 fn one_access_over_several_areas() {
     let mut bench = Bench::new(&LAN9252);
@@ -221,7 +222,7 @@ fn repeat_gives_the_last_mailbox_again() {
     assert_eq!(bench.fpwr(0x080D, &[0, 3]), 1);
     assert_eq!(bench.last_al_events(), register::al_event::SM_ACTIVATION);
     assert_eq!(bench.pdi_read(register::sm_activate(1)), 3);
-    // A newer mailbox sits there: away with it, the last one again, then acknowledge.
+    // A newer mailbox is waiting: discard it, provide the last one again, then acknowledge.
     let control = register::sm_pdi_control(1);
     bench.pdi().store(control, 1);
     bench.pdi().store(control, 0);
@@ -231,7 +232,8 @@ fn repeat_gives_the_last_mailbox_again() {
     assert_eq!(bench.fprd(0x1080, 4), (vec![1; 4], 1));
 }
 
-/// Deactivated by the PDI: locked for both sides, its events gone, and empty afterwards.
+/// An area that the PDI deactivated is locked for both sides, has no events, and is empty
+/// afterwards.
 #[test]
 fn deactivated_areas_are_locked() {
     let mut bench = Bench::new(&ET1100);
@@ -269,7 +271,7 @@ fn several_fmmus_in_one_datagram_count_once() {
     let (_, wkc) = bench.send(Command::Lrw, image, &[7; 9]);
     assert_eq!(wkc, 3);
     assert_eq!(bench.fprd(0x1300, 9).0, [7; 9]);
-    // Between two of them nobody is at home.
+    // No FMMU maps the bytes between the two.
     assert_eq!(bench.send(Command::Lrd, Address::Logical(0x102), &[5; 2]), (vec![5; 2], 0));
 }
 
@@ -286,7 +288,7 @@ fn a_datagram_may_cover_a_part_of_an_area() {
     assert_eq!(bench.pdi_bytes(0x1100, 4), [1, 2, 3, 4]);
 }
 
-/// FMMUs onto registers obey the rules of registers.
+/// FMMUs that map registers follow the rules of registers.
 #[test]
 fn a_fmmu_onto_registers() {
     let mut bench = Bench::new(&ET1100);
@@ -303,7 +305,8 @@ fn a_fmmu_onto_registers() {
     assert_eq!(bench.send(Command::Lrd, Address::Logical(0x320), &[1, 2]), (vec![1, 2], 0));
 }
 
-/// Registers 0x09F0, 0x09F8, 0x09FC: local times of buffer changes, where SyncManagers ask for them.
+/// Registers 0x09F0, 0x09F8, 0x09FC: local times of buffer changes, for SyncManagers that ask for
+/// them.
 #[test]
 fn buffer_change_times() {
     let mut bench = Bench::new(&ET1100);
@@ -318,7 +321,7 @@ fn buffer_change_times() {
     bench.fpwr(0x1100, &[1; 4]);
     bench.pdi_bytes(0x1100, 4);
     assert_eq!(times(&bench), [0; 3], "nobody asked");
-    // ECAT: the arrival of the frame that closes, not of the one that opens.
+    // For ECAT the arrival of the frame that closes counts, not of the one that opens.
     assert_eq!(bench.fpwr(0x0816, &[SyncManager::ENABLE | SyncManager::LATCH_ECAT]), 1);
     assert_eq!(bench.fpwr(0x1100, &[2; 2]), 1);
     assert_eq!(times(&bench), [0; 3]);
@@ -329,7 +332,7 @@ fn buffer_change_times() {
     assert_eq!(times(&bench), [0; 3], "a bad frame changes no buffer");
     let ecat = ecat + duration_ns(60) as u32;
     assert_eq!(bench.fpwr(0x1102, &[2; 2]), 1);
-    // It arrived between two ticks, and its end waits for the next one.
+    // The frame arrived between two ticks, and its end waits for the next tick.
     assert_eq!(times(&bench), [0; 3]);
     bench.run_to(bench.now.next_multiple_of(10));
     assert_eq!(times(&bench), [ecat, 0, 0]);

@@ -6,7 +6,7 @@ use isocat_wire::dc::{ActivationStatus, AssignActivate, SyncActivation};
 
 pub(super) const MS: u64 = 1_000_000;
 
-/// Starts a train with pulses of `pulse` ticks and gives its start in device time.
+/// Starts a train with pulses of `pulse` ticks and returns its start in device time.
 pub(super) fn start(bench: &mut Bench, cycle: u32, shift: u32, assign: AssignActivate) -> u64 {
     bench.write(register::SYNC0_CYCLE, cycle);
     bench.write(register::SYNC1_CYCLE, shift);
@@ -17,7 +17,7 @@ pub(super) fn start(bench: &mut Bench, cycle: u32, shift: u32, assign: AssignAct
     start
 }
 
-/// Device times of SYNC0 and SYNC1 in `cycles` of a ms, relative to `start`, in quarters of a ms.
+/// Device times of SYNC0 and SYNC1 during `cycles` ms, relative to `start`, in quarters of a ms.
 pub(super) fn timeline(bench: &mut Bench, start: u64, cycles: u64) -> (Vec<u64>, Vec<u64>) {
     bench.run_to(start + cycles * MS - 1);
     let events = bench.take_events();
@@ -98,7 +98,7 @@ fn al_events_follow_the_pulse() {
     assert_eq!(bench.pdi().events() & (SYNC0 | SYNC1), 0);
     bench.run_to(begin + 250_000);
     assert_eq!(bench.pdi().events() & (SYNC0 | SYNC1), SYNC1);
-    // Not mapped: the pulse is there, the AL event is not.
+    // Without mapping there is a pulse, but no AL event.
     let mut unmapped = SII;
     unmapped[3] = 0x44;
     let mut bench = Bench::with(&LAN9252, unmapped);
@@ -128,7 +128,7 @@ fn single_shot() {
     let mut bench = Bench::new(&LAN9252);
     let begin = start(&mut bench, 0, 250_000, AssignActivate::SYNC0_AND_SYNC1);
     assert_eq!(timeline(&mut bench, begin, 9), (vec![0], vec![1]));
-    // Again after deactivation and a new start.
+    // The unit starts again after deactivation and a new start time.
     bench.write(register::SYNC_ACTIVATION, SyncActivation(0));
     let begin = start(&mut bench, 0, 250_000, AssignActivate::SYNC0_AND_SYNC1);
     assert_eq!(timeline(&mut bench, begin, 9), (vec![0], vec![1]));
@@ -151,7 +151,7 @@ fn acknowledge_mode_waits_for_the_pdi() {
     assert_eq!(bench.take_events(), [(begin + 5 * MS, EscEvent::Sync0)]);
 }
 
-/// A start time that has passed: never on 64 bits, after the wrap on 32, at once with the check.
+/// A start time in the past: never on 64 bits, after the wrap on 32 bits, at once with the check.
 #[test]
 fn a_start_in_the_past() {
     let late = |bench: &mut Bench, bits: u8, by: u64| {
@@ -182,12 +182,12 @@ fn a_start_in_the_past() {
     let at_once = now.next_multiple_of(10);
     assert_eq!(bench.take_events(), [(at_once, EscEvent::Sync0)]);
     assert_eq!(bench.read(register::ACTIVATION_STATUS).0 & 5, 4);
-    // Near future as 2.1 s: a start beyond is implausible.
+    // The near future is 2.1 s: a start beyond it is implausible.
     let mut bench = Bench::new(&LAN9252);
     let (system, now) = late(&mut bench, 0x63, 0u64.wrapping_sub(3_000 * MS));
     assert!(system > now);
     assert_eq!(bench.read(register::ACTIVATION_STATUS).0 & 4, 4);
-    // Chips without the enhanced activation know no check.
+    // Chips without the enhanced activation have no check.
     let mut bench = Bench::new(&ET1100);
     late(&mut bench, 0x23, MS);
     assert_eq!(bench.read(register::SYNC_ACTIVATION), SyncActivation(0x03));

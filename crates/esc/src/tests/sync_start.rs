@@ -12,8 +12,8 @@ fn is_active(bench: &mut Bench) -> bool {
     bench.read(register::SYNC_ACTIVATION).active()
 }
 
-/// With bit 3 the last byte of the start time activates: the eighth of 64 bits, the fourth of 32
-/// bits or with the extension of bit 4. No other byte does.
+/// With bit 3 the last byte of the start time activates: the eighth of 64 bits, or the fourth of 32
+/// bits or with the extension of bit 4. No other byte activates.
 #[test]
 fn the_last_byte_activates() {
     for (chip, bits, last) in
@@ -26,7 +26,7 @@ fn the_last_byte_activates() {
             assert_eq!(bench.fpwr(START + byte, &[0]), there);
             assert_eq!(is_active(&mut bench), byte == last, "{}: byte {byte}", chip.name);
         }
-        // The same for the PDI.
+        // The PDI activates in the same way.
         for byte in [last - 1, last] {
             let mut bench = Bench::new(chip);
             bench.write(register::CYCLIC_UNIT_CONTROL, 1);
@@ -42,8 +42,8 @@ fn the_last_byte_activates() {
     assert!(!is_active(&mut bench));
 }
 
-/// A start of 64 bits in two halves: the lower one first starts right, the upper one first starts
-/// with half a time.
+/// A 64-bit start time is written in two halves. Lower half first, the start is right; upper half
+/// first, the unit starts with half of a time.
 #[test]
 fn a_start_in_two_halves() {
     for upper_first in [false, true] {
@@ -67,8 +67,8 @@ fn a_start_in_two_halves() {
     }
 }
 
-/// The extension gives the upper half of the next system time with these lower 32 bits, as of the
-/// frame that wrote byte 0x0993.
+/// The extension takes the upper half of the next system time with these lower 32 bits, counted
+/// from the frame that wrote byte 0x0993.
 #[test]
 fn the_upper_half_of_an_extended_start() {
     for (late, upper) in [(0, 5), (1, 6)] {
@@ -79,7 +79,7 @@ fn the_upper_half_of_an_extended_start() {
         bench.fpwr(START, &(end as u32 - late).to_le_bytes());
         assert_eq!(bench.read(register::SYNC_START_TIME), (upper << 32) + end - u64::from(late));
     }
-    // Three bytes are no start, and the upper half stays what was written.
+    // Three bytes are not a start time, and the upper half stays as written.
     let mut bench = Bench::new(&LAN9252);
     bench.write(register::SYSTEM_TIME_OFFSET, 5 << 32);
     bench.write(register::SYNC_ACTIVATION, SyncActivation(0x12));
@@ -87,7 +87,7 @@ fn the_upper_half_of_an_extended_start() {
     assert_eq!(bench.read(register::SYNC_START_TIME), 0x00FF_FFFF);
 }
 
-/// The upper half may turn over between the write and the start.
+/// The upper half may change between the write and the start.
 #[test]
 fn an_extended_start_comes_in_time() {
     for (bits, first) in [(0x12, Some(1_000)), (0x02, None)] {
@@ -105,7 +105,7 @@ fn an_extended_start_comes_in_time() {
     }
 }
 
-/// Traps of the extension: bit 4 set behind the start time extends nothing, and a unit that is
+/// Traps of the extension: bit 4 set after the start time extends nothing, and a unit that is
 /// activated after its extended start has missed it.
 #[test]
 fn an_extension_that_comes_too_late() {
@@ -133,7 +133,7 @@ fn an_extension_that_comes_too_late() {
     }
 }
 
-/// A cycle below 60 ns runs as one of 60 ns and reads as written; 0 stays a single pulse.
+/// A cycle below 60 ns runs as one of 60 ns and reads back as written; 0 stays a single pulse.
 #[test]
 fn the_shortest_cycle() {
     let mut short = SII;

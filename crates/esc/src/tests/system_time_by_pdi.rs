@@ -1,4 +1,4 @@
-//! A system time that the PDI leads, in a device that bridges two segments.
+//! A system time that the PDI sets, in a device that bridges two segments.
 
 use super::*;
 use crate::{IP_CORE_32, LAN9252, LatchInput};
@@ -6,7 +6,7 @@ use isocat_wire::dc::SystemTimeDifference;
 
 static BRIDGE: Chip = Chip { system_time_by_pdi: true, ..LAN9252 };
 
-/// LATCH0 rises at `at`, and falls again.
+/// Raises LATCH0 at the instant `at` and lowers it again.
 fn edge(bench: &mut Bench, at: u64) {
     bench.run_to(at);
     bench.esc.set_latch_input(LatchInput::Latch0, true, device(at));
@@ -19,7 +19,7 @@ fn difference(bench: &Bench) -> SystemTimeDifference {
     bench.esc.register(register::SYSTEM_TIME_DIFFERENCE)
 }
 
-/// ECAT reads the time and writes nothing of its unit; a drift datagram passes.
+/// ECAT reads the time and cannot write its unit; a drift datagram passes unused.
 #[test]
 fn ecat_reads_only() {
     for (chip, wkc) in [(&BRIDGE, 0), (&LAN9252, 1)] {
@@ -54,7 +54,7 @@ fn the_last_byte_compares_with_the_edge() {
     assert_eq!(difference(&bench), SystemTimeDifference(0x8000_012C), "300 ns behind");
     bench.pdi().store(register::SPEED_COUNTER_START, 0x1000);
     assert_eq!(difference(&bench), SystemTimeDifference(0));
-    // Bytes that are left out agree.
+    // Bytes that are not written count as equal.
     bench.pdi().write(0x0913, &later[3..]);
     assert_eq!(difference(&bench).magnitude(), 0);
     bench.pdi().write(0x0910, &999_700u32.to_le_bytes());
@@ -65,8 +65,8 @@ fn the_last_byte_compares_with_the_edge() {
     assert_eq!(difference(&bench), SystemTimeDifference(300));
 }
 
-/// It leads the clock as a drift datagram does: an edge a millisecond, of a clock that runs 80 ppm
-/// faster.
+/// The written times steer the clock as drift datagrams do: here one edge per millisecond from a
+/// clock that runs 80 ppm faster.
 #[test]
 fn the_clock_follows_the_edges() {
     let mut bench = Bench::new(&BRIDGE);
@@ -88,7 +88,7 @@ fn the_clock_follows_the_edges() {
     assert!((2_985..3_085).contains(&speed), "{speed}, where 3035 are 80 ppm");
 }
 
-/// Elsewhere the PDI writes nothing of it.
+/// On other chips the PDI cannot write the unit.
 #[test]
 fn other_chips_are_not_led() {
     for chip in [&LAN9252, &IP_CORE_32] {

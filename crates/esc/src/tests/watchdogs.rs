@@ -15,7 +15,7 @@ fn is_fine(bench: &mut Bench) -> bool {
     bench.read(register::WATCHDOG_STATUS) & 1 != 0
 }
 
-/// When it expires, if within a second.
+/// The instant at which it expires, if within a second.
 fn expiry(bench: &mut Bench) -> Option<u64> {
     bench.take_events();
     bench.run_to(bench.now + 1_000_000_000);
@@ -46,7 +46,7 @@ fn a_time_that_is_over_expires_at_once() {
         let mut bench = bench();
         bench.fpwr(0x1000, &[1]);
         let due = bench.now + 20_000_000;
-        // The new time is in force at the end of its frame.
+        // The new time comes into force at the end of its frame.
         bench.run_to((due as i64 + 10 * late) as u64 - duration_ns(60));
         bench.take_events();
         bench.write(register::WATCHDOG_TIME_PROCESS_DATA, 200);
@@ -71,7 +71,7 @@ fn zero_switches_off_and_forgets_an_expiry() {
     bench.write(register::WATCHDOG_TIME_PROCESS_DATA, 0);
     assert!(is_fine(&mut bench));
     assert_eq!(expiry(&mut bench), None);
-    // Restarts while it is off are forgotten: on again, it runs from then on.
+    // Restarts while it is off are forgotten: switched on again, it runs from that instant.
     bench.fpwr(0x1000, &[1]);
     bench.run_to(bench.now + 500_000_000);
     bench.write(register::WATCHDOG_TIME_PROCESS_DATA, 1000);

@@ -1,12 +1,12 @@
-//! Whatever the bytes: an ESC in the hands of a source of arbitrary bytes, and what must hold.
+//! An ESC under arbitrary bytes, and the rules that must hold.
 //!
-//! The bytes are read as a story: frames, whole or cut or of no form at all, accesses of the PDI, links
-//! that come and go, time that passes. Checked after each step:
+//! The bytes are read as a story: frames (whole, cut or malformed), accesses of the PDI, links that
+//! come and go, time that passes. These rules are checked after each step:
 //!
 //! - nothing panics, and no event is left behind or comes from the future;
 //! - working counters grow by no more than a command allows the ESC that it addresses;
-//! - of a frame nothing changes but what an ESC may change, and where nothing was counted not even data;
-//! - what lies behind the memory is neither read nor written;
+//! - in a frame only what an ESC may change does change, and without a count the data stays too;
+//! - bytes behind the memory are neither read nor written;
 //! - a frame with a bad check sequence leaves registers, SyncManagers and events as they were.
 
 use isocat_esc::{
@@ -32,7 +32,7 @@ pub fn pdi_sequence(bytes: &[u8]) {
     tell(bytes, 6);
 }
 
-/// The bytes that are left of a story; zeros when it is over.
+/// The rest of a story's bytes; it gives zeros when they are used up.
 struct Source<'a>(&'a [u8]);
 
 impl Source<'_> {
@@ -58,7 +58,7 @@ impl Source<'_> {
         (0..len).map(|_| self.byte()).collect()
     }
 
-    /// An address where something is, more often than not.
+    /// An address, mostly one at which something exists.
     fn address(&mut self) -> u16 {
         const PLACES: [u16; 20] = [
             0x0000, 0x0010, 0x0020, 0x0040, 0x0100, 0x0120, 0x0130, 0x0200, 0x0300, 0x0400, 0x0440,
@@ -115,9 +115,9 @@ impl Source<'_> {
     }
 }
 
-/// What stands behind the memory and must stay there.
+/// The bytes behind the memory, which must stay unchanged.
 const FENCE: [u8; 64] = [0xA7; 64];
-/// The chips that stories are about.
+/// The chips that stories use.
 static CHIPS: [&Chip; 7] =
     [&ET1100, &ET1200, &IP_CORE_32, &LAN9252, &XMC4800, &ET1100_MII, &IP_CORE_32_EMULATED];
 
@@ -184,14 +184,14 @@ fn tell(story: &[u8], pdi: u8) {
     assert_eq!(ram[len..], FENCE, "written behind the memory");
 }
 
-/// What time it is, and when something happened last.
+/// The present time, and the time of the last event.
 struct Clock {
     now: u64,
     last: u64,
 }
 
-/// Mailboxes at 0x1000 and 0x1008, outputs at 0x1010, inputs at 0x1020 and what maps them to logical
-/// 0 to 15, so that stories are about something.
+/// Sets mailboxes at 0x1000 and 0x1008, outputs at 0x1010, inputs at 0x1020, and FMMUs that map
+/// them to logical 0 to 15, so that stories reach something.
 fn set_up(esc: &mut Esc<&mut [u8]>, time: &mut Clock) {
     let managers = [
         SyncManager::new(0x1000, 8, SyncManager::MAILBOX_OUT, true),
@@ -219,10 +219,10 @@ fn set_up(esc: &mut Esc<&mut [u8]>, time: &mut Clock) {
     esc.pdi(now).write(0x1020, &[2; 4]);
 }
 
-/// Lets everything happen that is due.
+/// Handles all events that are due.
 fn live(esc: &mut Esc<&mut [u8]>, time: &mut Clock) {
     let now = time.now;
-    // A SYNC cycle below a tick gives an event a tick: bounded, so that stories stay short.
+    // A SYNC cycle below a tick gives one event per tick. The limit keeps stories short.
     for _ in 0..2_000 {
         match esc.step(Time::new(now)) {
             Some((at, event)) => {
@@ -238,9 +238,9 @@ fn live(esc: &mut Esc<&mut [u8]>, time: &mut Clock) {
     }
 }
 
-/// Passes a frame through and checks what became of it.
+/// Passes a frame through and checks the result.
 fn pass(esc: &mut Esc<&mut [u8]>, frame: &mut [u8], time: &mut Clock, good: bool) {
-    // On a tick, so that the frame before is over.
+    // The frame starts on a tick, so that the frame before is over.
     time.now = time.now.next_multiple_of(10);
     live(esc, time);
     let start = Time::new(time.now);
@@ -255,7 +255,7 @@ fn pass(esc: &mut Esc<&mut [u8]>, frame: &mut [u8], time: &mut Clock, good: bool
     time.now = end;
     if let Some(state) = state {
         state.compare(&State::of(esc, start), writes_ram(&before));
-        // Nor does it leave anything to the end of the next one.
+        // The bad frame also leaves nothing to the end of the next one.
         let mut nop = [&[0; 12][..], &[0x88, 0xA4, 12, 0x10], &[0; 12]].concat();
         esc.process(&mut nop, start, Time::new(end), true);
         assert_eq!(esc.next_event(), state.next, "the next frame brought a bad one into force");
@@ -263,7 +263,7 @@ fn pass(esc: &mut Esc<&mut [u8]>, frame: &mut [u8], time: &mut Clock, good: bool
     let mut expected = before.clone();
     if let Ok(found) = envelope(&before) {
         if !processed.destroyed {
-            // What an ESC may do to the headers.
+            // These are the changes that an ESC may make to the headers.
             expected[6] = frame[6];
             assert_eq!(frame[6] | 0x02, before[6] | 0x02);
             if let Some(at) = found.udp_checksum {
@@ -314,7 +314,7 @@ fn check_datagram(
         _ => 1,
     };
     assert!(counted <= most, "{command} counted {counted}");
-    // Zero data bytes are never really read or written.
+    // An access of zero data bytes never counts.
     assert!(counted == 0 || header.len > 0, "{command} of no bytes counted {counted}");
     if command.increments_position() {
         expected[start + 2..start + 4].copy_from_slice(&header.adp().wrapping_add(1).to_le_bytes());
@@ -341,7 +341,7 @@ fn check_datagram(
     }
 }
 
-/// Whether a frame may write RAM, which keeps what also a bad frame wrote.
+/// Whether a frame may write RAM, which also keeps writes of a bad frame.
 fn writes_ram(frame: &[u8]) -> bool {
     let Ok(found) = envelope(frame) else { return false };
     let mut layouts = Layouts::new();
@@ -363,7 +363,7 @@ fn writes_ram(frame: &[u8]) -> bool {
     false
 }
 
-/// What a bad frame must not change.
+/// The state that a bad frame must not change.
 #[derive(Debug, PartialEq)]
 struct State {
     registers: Vec<u8>,
@@ -375,8 +375,8 @@ struct State {
 impl State {
     fn of(esc: &Esc<&mut [u8]>, now: Time<Device>) -> Self {
         let mut registers = esc.registers()[..usize::from(register::SHADOW_END)].to_vec();
-        // Brought up to date by every read, good or bad: events, watchdog, times that run; also the
-        // write enables, which end with any frame's arrival.
+        // These registers are updated by every read, good or bad: events, watchdog, running times.
+        // The write enables end with the arrival of any frame.
         for shown in [0x0020..0x0021, 0x0030..0x0031, 0x0210..0x0224, 0x0440..0x0442] {
             registers[shown].fill(0);
         }
@@ -388,7 +388,7 @@ impl State {
     }
 
     fn compare(&self, after: &Self, ram_written: bool) {
-        // Bad frames are counted, here and nowhere else.
+        // Bad frames are counted in this register only.
         let errors = usize::from(register::EPU_ERRORS.address);
         let (one, other) = (self.registers[errors], after.registers[errors]);
         assert!(other == one || other == one.saturating_add(1), "{one} bad frames, then {other}");

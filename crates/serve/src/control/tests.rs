@@ -2,7 +2,7 @@ use std::os::unix::fs::PermissionsExt;
 
 use super::*;
 
-/// A socket in a folder of this test's own, which only this user can enter.
+/// A socket in a folder of this test, which only this user can enter.
 fn socket(name: &str) -> PathBuf {
     let folder = std::env::temp_dir().join(format!("isocat-control-{}-{name}", std::process::id()));
     let _ = std::fs::remove_dir_all(&folder);
@@ -14,7 +14,7 @@ fn remove(path: &Path) {
     let _ = std::fs::remove_dir_all(path.parent().expect("a folder"));
 }
 
-/// A service that answers each request with itself, until "stop".
+/// A service that answers each request with the request itself, until "stop".
 fn echo(requests: Requests) -> std::thread::JoinHandle<()> {
     std::thread::spawn(move || {
         let mut stop = false;
@@ -25,7 +25,7 @@ fn echo(requests: Requests) -> std::thread::JoinHandle<()> {
                 request.to_owned()
             });
         }
-        // The last answer is on its way.
+        // The last answer is still under way.
         std::thread::sleep(Duration::from_millis(100));
     })
 }
@@ -80,7 +80,7 @@ fn a_server_without_end_and_one_that_drips_are_left() {
 #[test]
 fn a_client_that_is_to_stop_stops_at_once() {
     let path = socket("stop");
-    // It takes clients into its queue and never answers.
+    // This listener takes clients into its queue and never answers.
     let _listener = UnixListener::bind(&path).expect("our own folder");
     let stop = Arc::new(AtomicBool::new(false));
     let (setter, begun) = (stop.clone(), Instant::now());
@@ -115,7 +115,7 @@ fn a_folder_that_others_can_write_to_is_refused() {
     remove(&path);
 }
 
-/// Only root can make a socket of another user.
+/// Only root can make a socket of another user, so only root can run this test.
 #[test]
 fn a_socket_of_another_user_is_not_asked() {
     if !rustix::process::geteuid().is_root() {

@@ -3,7 +3,7 @@ use isocat_wire::datagram::{Address, HEADER_LEN, Header};
 
 use super::*;
 
-/// Frames at times, into four devices without mailbox.
+/// Frames at given times, to four devices without mailbox.
 struct Bench {
     server: Server,
     now: Time<Host>,
@@ -17,7 +17,7 @@ impl Bench {
         Self { server: Server::new(&Scenario::from(file), now), now }
     }
 
-    /// One datagram, `ms` after the one before.
+    /// Sends one datagram, `ms` after the one before.
     fn send(&mut self, ms: i64, command: Command, address: Address, data: &[u8]) {
         self.now += Nanos::millis(ms);
         let mut bytes = [[0xFF; 6], [0x10; 6]].concat();
@@ -39,7 +39,7 @@ impl Bench {
         self.send(ms, Command::Bwr, Address::Broadcast(0x0120), &[state, 0]);
     }
 
-    /// How sessions ended so far.
+    /// The ends of the sessions so far.
     fn ends(&self) -> Vec<End> {
         self.server.sessions().iter().map(|session| session.end).collect()
     }
@@ -51,7 +51,7 @@ fn a_session_after_a_kill_begins_behind_frames_that_say_nothing() {
     bench.request(0, 1);
     bench.request(1, 8);
     bench.exchange(1);
-    // SOEM first writes 0 to the alias register of all.
+    // SOEM first writes 0 to the alias bit of all SubDevices.
     bench.send(500, Command::Bwr, Address::Broadcast(0x0103), &[0]);
     assert_eq!(bench.ends(), []);
     bench.request(1, 1);
@@ -131,7 +131,7 @@ fn the_oldest_faults_are_forgotten_and_counted() {
     assert_eq!((bench.server.faults().len(), bench.server.left_out().faults), (1_000, 1));
 }
 
-/// What a line of `control` does, and what it refuses: the MainDevice's machine is not simulated.
+/// The effects of a line of `control`, and its refusals: the MainDevice's machine is not simulated.
 #[test]
 fn faults_that_are_ordered_happen_and_end() {
     let mut bench = Bench::new();

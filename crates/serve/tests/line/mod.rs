@@ -1,5 +1,4 @@
-//! The core of the served segment without sockets, with a MainDevice that is none of the
-//! simulation's, in virtual time.
+//! The core of the served segment without sockets, with an external MainDevice, in virtual time.
 #![allow(dead_code, reason = "each test uses its part")]
 
 use std::collections::VecDeque;
@@ -10,14 +9,14 @@ use isocat_sim::MainPort;
 use isocat_sim::bench::is_cyclic;
 use isocat_wire::time::{Host, Nanos, Time};
 
-/// Somebody's MainDevice and the segment, in a time that moves only when both wait.
+/// An external MainDevice and the segment, in a time that moves only when both wait.
 pub struct Line {
     pub server: Server,
     pub main: MainDevice,
     pub now: Time<Host>,
-    /// The cyclic frame that was sent last.
+    /// The last cyclic frame that was sent.
     pub cyclic: Vec<u8>,
-    /// Answers under way: when their last bit is back, and where.
+    /// Answers under way: the instant at which the last bit is back, and the port.
     back: VecDeque<(Time<Host>, Port, Vec<u8>)>,
 }
 
@@ -26,14 +25,14 @@ impl Line {
         Self::with(setup, Config::new(Nanos::millis(1)))
     }
 
-    /// With a MainDevice that is set up so.
+    /// With a MainDevice of this config.
     pub fn with(setup: impl Into<Setup>, config: Config) -> Self {
         let now = Time::new(5_000_000_000);
         let (server, main) = (Server::new(setup, now), MainDevice::new(config, now));
         Self { server, main, now, cyclic: Vec::new(), back: VecDeque::new() }
     }
 
-    /// Until `done` or for `span`; whether it was done.
+    /// Runs until `done` or for `span`. Returns whether `done` was met.
     pub fn run(&mut self, span: Nanos, mut done: impl FnMut(&Event) -> bool) -> bool {
         let end = self.now + span;
         loop {
@@ -81,7 +80,7 @@ impl Line {
                 MainPort::Primary => Port::Primary,
                 MainPort::Secondary => Port::Secondary,
             };
-            // Those at the two ports of a ring overtake each other.
+            // Answers at the two ports of a ring may overtake each other.
             let place = self.back.partition_point(|(other, ..)| *other <= last_bit);
             let overtaken = self.back.iter().skip(place).all(|(_, other, _)| *other != port);
             assert!(overtaken, "answers come back in the order of their frames");

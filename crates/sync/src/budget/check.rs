@@ -1,4 +1,4 @@
-//! The demands on a cycle, in words, and what shows that one was not met.
+//! The demands on a cycle, in words, and the sign of a violation.
 
 use core::fmt;
 
@@ -10,7 +10,7 @@ use crate::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 /// A demand on the cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Check {
-    /// The frames of a cycle are through before the next cycle's.
+    /// The frames of a cycle have passed before those of the next cycle begin.
     FramesInCycle,
     /// The cycle is not shorter than the SubDevice's minimum.
     MinimumCycle,
@@ -20,11 +20,11 @@ pub enum Check {
     OutputsStoredBeforeSync0,
     /// Inputs of a SubDevice without outputs are read before the SYNC0 that counts the reads.
     InputsReadBeforeSync0,
-    /// SYNC1 leaves the time to copy and calculate from SYNC0 on.
+    /// SYNC1 leaves enough time after SYNC0 to copy and calculate.
     Sync1CoversCopy,
     /// SYNC1 comes before the next SYNC0.
     Sync1BeforeNextSync0,
-    /// Inputs stand in the buffer before the frame that fetches them.
+    /// Inputs are in the buffer before the frame that fetches them.
     InputsBeforeFrame,
     /// The shift of Outputs Valid is not shorter than the hardware needs.
     ShiftCoversDelay,
@@ -32,13 +32,13 @@ pub enum Check {
     InputShiftCoversDelay,
     /// Outputs become valid before the next pulse.
     OutputsValidInCycle,
-    /// SYNC0 is no longer active when its next pulse is due, which else makes no edge.
+    /// SYNC0 is no longer active when its next pulse is due; otherwise that pulse makes no edge.
     Sync0FallsInCycle,
-    /// Outputs come again before the watchdog of the process data is over.
+    /// New outputs arrive before the process data watchdog expires.
     OutputsBeforeWatchdog,
-    /// SYNC0 lies on its grid as nearly as asked for.
+    /// SYNC0 is within the requested distance of its grid.
     Sync0WithinLimit,
-    /// Outputs follow their pulse as evenly as asked for.
+    /// The spread of the outputs behind their pulse is within the requested limit.
     OutputsSpreadWithinLimit,
 }
 
@@ -61,7 +61,7 @@ impl fmt::Display for Source {
     }
 }
 
-/// What shows that a demand was not met.
+/// The sign that a demand was not met.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Sign {
     /// A counter of the SubDevice.
@@ -70,12 +70,12 @@ pub enum Sign {
     Refusal(AlStatusCode),
     /// The SubDevice falls out of OP with this AL status code.
     Fall(AlStatusCode),
-    /// Only somebody who sees true time: named so.
+    /// Only an observer with true time can see it; this names the judge.
     Judge(&'static str),
 }
 
 impl Check {
-    /// Those of one SubDevice, in the order of its cycle.
+    /// The demands of one SubDevice, in the order of its cycle.
     pub const OF_DEVICE: [Check; 14] = [
         Self::MinimumCycle,
         Self::OutputsStoredBeforeSync0,
@@ -93,13 +93,13 @@ impl Check {
         Self::OutputsSpreadWithinLimit,
     ];
 
-    /// Whether it speaks of time in the cycle, and not of what counts as synchronized: its slack
-    /// tells how much later something may be.
+    /// Whether it is about time in the cycle, and not about the limits of synchronization. Its
+    /// slack then tells how much later an event may be.
     pub const fn is_of_cycle(self) -> bool {
         !matches!(self, Self::Sync0WithinLimit | Self::OutputsSpreadWithinLimit)
     }
 
-    /// What helps where it is not met.
+    /// What helps if the demand is not met.
     pub const fn remedy(self) -> &'static str {
         match self {
             Self::FramesInCycle => {
@@ -153,7 +153,8 @@ impl Check {
         }
     }
 
-    /// What states the demand, or counts what breaks it; `None` for that of the frames.
+    /// The object or register that states the demand, or counts violations; `None` for the demand
+    /// of the frames.
     pub const fn source(self) -> Option<Source> {
         let (index, sub) = match self {
             Self::FramesInCycle => return None,
@@ -218,7 +219,8 @@ impl Check {
         }
     }
 
-    /// What shows that it was not met in a SubDevice of this mode, as a rule; see [`Demand::sign`](super::Demand::sign).
+    /// The usual sign that it was not met in a SubDevice of this mode; see
+    /// [`Demand::sign`](super::Demand::sign).
     pub(super) fn sign(self, mode: SyncMode) -> Sign {
         let output = |sub| Sign::Counter(ObjectAddress::new(OUTPUT_PARAMETER, sub));
         match self {
@@ -226,9 +228,10 @@ impl Check {
             Self::MinimumCycle if mode.uses_dc() => Sign::Refusal(AlStatusCode::DC_SYNC0_CYCLE),
             Self::MinimumCycle | Self::OutputsValidInCycle => output(sub::CYCLE_TIME_TOO_SMALL),
             Self::OutputsBeforeSync0 => output(sub::SM_EVENT_MISSED),
-            // The device finds the outputs of the cycle before, which are as new to it.
+            // The device fetches the outputs of the previous cycle and cannot tell, since they are
+            // new to it too.
             Self::OutputsStoredBeforeSync0 => Sign::Judge("outputs fetched in their cycle"),
-            // Each read sets the counter back: one that is missed now and then is never seen in it.
+            // Each read resets the counter, so it never shows a read that is missed now and then.
             Self::InputsReadBeforeSync0 => Sign::Judge("inputs read between two pulses"),
             Self::Sync0FallsInCycle => Sign::Judge("an edge for each pulse of SYNC0"),
             Self::OutputsBeforeWatchdog => Sign::Fall(AlStatusCode::WATCHDOG),

@@ -1,20 +1,20 @@
-//! What clocks do to a plan: how far a drift loop lets them come apart, and what a count of one's
-//! own is off.
+//! The effect of clocks on a plan: how far the clocks of drift loops differ, and the error of a
+//! time span counted by a free-running oscillator.
 
 use isocat_wire::time::Nanos;
 
 use super::Cycle;
 
-/// How fast or slow an oscillator may be where nobody says more, ppb: 100 ppm, the tolerance that
+/// Largest deviation of an oscillator if nothing else is stated, ppb: 100 ppm, the tolerance that
 /// EtherCAT allows.
 pub const USUAL_DEVIATION_PPB: i64 = 100_000;
 
-/// What the error of a clock follows from that a drift loop leads.
+/// The figures that determine the error of a clock under a drift loop.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Tracking {
-    /// From one distributed system time to the next.
+    /// Time from one distributed system time to the next.
     pub cycle: Nanos,
-    /// How fast or slow its oscillator is against the reference clock's, ppb.
+    /// Deviation of its oscillator from that of the reference clock, ppb.
     pub deviation_ppb: i64,
     /// Register 0x0934.
     pub time_filter_depth: u8,
@@ -22,13 +22,13 @@ pub struct Tracking {
     pub speed_filter_depth: u8,
 }
 
-/// How far a clock may be from the reference clock while the loop leads it.
+/// Largest distance of a clock from the reference clock while the drift loop controls it.
 ///
-/// Fitted to both laws of the drift loop that the public record admits (`docs/dc.md`), clocks as a
-/// way up leaves them: what a burst of drift frames has learned of the speed is wrong by a part,
-/// and the loop takes a number of cycles to learn it anew, in which the clock runs away; so the
-/// error is in proportion to the cycle. A shallower speed filter than was fitted learns sooner,
-/// which is not counted on.
+/// Fitted to both laws of the drift loop that the public record admits (`docs/dc.md`), for clocks
+/// just after start-up. What a burst of drift frames has taught the loop about the speed is partly
+/// wrong. The loop takes a number of cycles to correct it, and the clock drifts meanwhile; so the
+/// error is proportional to the cycle. A speed filter shallower than the fitted one learns sooner,
+/// but this is not used.
 pub fn clock_error(tracking: &Tracking) -> Nanos {
     let Tracking { cycle, deviation_ppb, time_filter_depth, speed_filter_depth } = *tracking;
     let late = 1i128 << time_filter_depth.clamp(FITTED_TIME_DEPTH, 15) >> FITTED_TIME_DEPTH;
@@ -40,8 +40,8 @@ pub fn clock_error(tracking: &Tracking) -> Nanos {
     Nanos(i64::try_from(left).unwrap_or(i64::MAX))
 }
 
-/// By how much two counts of a span may differ that no loop keeps together: their speeds, and a
-/// tick of 10 ns on which pulses come. Clocks without error have none.
+/// Largest difference of two counts of a span that no loop keeps together: their speeds, and a tick
+/// of 10 ns on which pulses come. It is zero for clocks without error.
 pub(super) fn speed_error(cycle: &Cycle, deviation_ppb: i64, span: Nanos) -> Nanos {
     match cycle.clock_error {
         Nanos::ZERO => Nanos::ZERO,
@@ -49,7 +49,7 @@ pub(super) fn speed_error(cycle: &Cycle, deviation_ppb: i64, span: Nanos) -> Nan
     }
 }
 
-/// The same without the tick, for spans that begin at a pulse as it came.
+/// The difference without the tick, for spans that begin at a pulse as it came.
 pub(super) fn speed_part(cycle: &Cycle, deviation_ppb: i64, span: Nanos) -> Nanos {
     if cycle.clock_error == Nanos::ZERO {
         return Nanos::ZERO;
@@ -58,8 +58,8 @@ pub(super) fn speed_part(cycle: &Cycle, deviation_ppb: i64, span: Nanos) -> Nano
     Nanos(i64::try_from(error).unwrap_or(i64::MAX))
 }
 
-/// How far a clock moves against the reference clock in a span, while the loop leads it: from one
-/// received time to the next by no more than its error.
+/// Largest movement of a clock against the reference clock in a span, while the loop controls it.
+/// From one received time to the next it is at most the clock error.
 pub(super) fn moved(cycle: &Cycle, span: Nanos) -> Nanos {
     let Cycle { cycle, clock_error, .. } = *cycle;
     let moved =
@@ -67,25 +67,27 @@ pub(super) fn moved(cycle: &Cycle, span: Nanos) -> Nanos {
     Nanos(i64::try_from(moved).unwrap_or(i64::MAX)).min(clock_error + clock_error)
 }
 
-/// A part of a nanosecond is one: bounds are rounded away from what they bound.
+/// Division rounded up: a bound is rounded away from the value that it bounds.
 const fn ceiling(value: i128, divisor: i128) -> i128 {
     value / divisor + (value % divisor > 0) as i128
 }
 
 /// Clocks and pulses move in ticks of 10 ns.
 const TICK: i64 = 10;
-/// What may be left of a phase when a clock counts as converged, ns: the mean of its last readings,
+/// Largest rest of a phase when a clock counts as converged, ns: the mean of its last readings,
 /// their noise, and the ticks of both clocks.
 const LEFT: i128 = 140;
-/// What a loop may have wrong of the speed at the end of a way up: this much, ppb ..
+/// Constant part of the speed error that a loop may have at the end of start-up, ppb.
 const MISLEARNED_PPB: i128 = 28_000;
-/// .. and so much of the deviation. Fitted: 50 to 300 ppm, cycles of 1 to 20 ms.
+/// The part of the speed error that grows with the deviation is the deviation divided by this.
+/// Fitted: 50 to 300 ppm, cycles of 1 to 20 ms.
 const MISLEARNED_PART: i128 = 10;
-/// The depth of 0x0935 for which that was fitted.
+/// The depth of 0x0935 for which the error was fitted.
 const FITTED_SPEED_DEPTH: u8 = 6;
-/// Deeper ones than this have no time to learn what is wrong while a clock comes up.
+/// Deeper filters count as this one: they have no time to learn a wrong speed while a clock starts
+/// up.
 const SLOWEST_SPEED_DEPTH: u8 = 10;
-/// The largest depth of 0x0934 that makes no difference.
+/// The largest depth of 0x0934 that has no effect.
 const FITTED_TIME_DEPTH: u8 = 8;
 
 #[cfg(test)]
@@ -101,8 +103,8 @@ mod tests {
         }
     }
 
-    /// Largest SYNC0 error that runs of a pair of clocks showed with either law, ns: the bound
-    /// holds, and is no more than four times the error and what may be left.
+    /// Largest SYNC0 error that runs of a pair of clocks showed with either law, ns. The bound
+    /// holds, and is at most four times the error plus the possible rest.
     #[test]
     fn the_bound_holds_what_was_seen_and_not_much_more() {
         for (cycle, ppm, seen) in [
@@ -153,7 +155,7 @@ mod tests {
         };
         let error = |ppb, span| speed_error(&cycle, ppb, Nanos(span)).0;
         assert_eq!([0, 1, 10_000, 10_001].map(|span| error(100_000, span)), [10, 11, 11, 12]);
-        // The file says 137 ppm: 54.8 ns in 400 us.
+        // The profile states 137 ppm: 54.8 ns in 400 us.
         assert_eq!((error(100_000, 400_000), error(137_000, 400_000)), (50, 65));
         let ideal = Cycle { clock_error: Nanos::ZERO, ..cycle };
         assert_eq!(speed_error(&ideal, 100_000, Nanos(10_001)), Nanos::ZERO);

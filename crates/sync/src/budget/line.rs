@@ -15,14 +15,14 @@ use crate::pulses::SyncSignal;
 pub struct Line {
     /// The demand.
     pub check: Check,
-    /// Time needed.
+    /// Time that is needed.
     pub needed: Nanos,
-    /// Time there is.
+    /// Time that is available.
     pub available: Nanos,
 }
 
 impl Line {
-    /// What is left; negative if the demand is not met.
+    /// The time left; negative if the demand is not met.
     pub fn slack(&self) -> Nanos {
         self.available - self.needed
     }
@@ -47,29 +47,29 @@ impl fmt::Display for Line {
 /// A demand with all its figures.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Demand {
-    /// What is demanded.
+    /// The demand.
     pub check: Check,
-    /// Time needed.
+    /// Time that is needed.
     pub needed: Sum,
-    /// Time there is.
+    /// Time that is available.
     pub available: Sum,
 }
 
 impl Demand {
-    /// The demand in short.
+    /// The short form of the demand.
     pub fn line(&self) -> Line {
         Line { check: self.check, needed: self.needed.total(), available: self.available.total() }
     }
-    /// What is left; negative if the demand is not met.
+    /// The time left; negative if the demand is not met.
     pub fn slack(&self) -> Nanos {
         self.line().slack()
     }
 
-    /// What shows that it is not met in a SubDevice of this mode.
+    /// The sign that the demand is not met in a SubDevice of this mode.
     pub fn sign(&self, mode: SyncMode) -> Sign {
         let own = self.needed.terms().find(|term| term.quantity == Quantity::MinimumCycle);
         match own {
-            // What it is told of the cycle is enough to refuse it.
+            // The device can refuse this cycle as soon as it is told of it.
             Some(own) if !mode.uses_dc() && own.value > self.available.total() => {
                 Sign::Refusal(AlStatusCode::CYCLE_TIME_TOO_SMALL)
             }
@@ -85,19 +85,19 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// All lines that the SubDevice's mode has.
+    /// All lines that exist in the SubDevice's mode.
     pub fn lines(&self) -> impl Iterator<Item = Line> + '_ {
         self.lines.iter().flatten().copied()
     }
-    /// The line with this demand, if the mode has it.
+    /// The line of this demand, if the mode has it.
     pub fn line(&self, check: Check) -> Option<Line> {
         self.lines().find(|line| line.check == check)
     }
-    /// The line with the least slack that does not fit.
+    /// Of the lines that do not fit, the one with the least slack.
     pub fn failure(&self) -> Option<Line> {
         self.lines().filter(|line| !line.fits()).min_by_key(Line::slack)
     }
-    /// The least slack in the cycle.
+    /// The least slack of all lines about time in the cycle.
     pub fn slack(&self) -> Option<Nanos> {
         self.lines().filter(|line| line.check.is_of_cycle()).map(|line| line.slack()).min()
     }
@@ -109,7 +109,8 @@ impl Budget {
     }
 }
 
-/// The shortest frame, its preamble and check sequence, and the gap behind it: requests of states need it.
+/// The shortest frame, with its preamble, check sequence and the gap behind it; state requests need
+/// it.
 const ACYCLIC: Nanos =
     Nanos(((frame::MIN_LEN + frame::WIRE_OVERHEAD) as u64 * frame::BYTE_TIME_NS) as i64);
 
@@ -122,20 +123,21 @@ pub(super) fn frames_in_cycle(cycle: &Cycle, wire: Nanos) -> Demand {
             .and_frame_jitter(cycle)
             .if_any(Quantity::RingWay, cycle.ring_way, Origin::Wire)
             .if_any(Quantity::ClockError, cycle.clock_error, cycle.clock_error_origin)
-            // The wire's time is not the reference clock's.
+            // The wire does not count by the reference clock.
             .and_speed(cycle, cycle.clock_deviation_ppb, cycle.cycle),
         available: Sum::default().and(Quantity::Cycle, cycle.cycle, Origin::Intent),
     }
 }
 
-/// Both sides of a demand, with the acting pulse at `shift`; `None` if the SubDevice does not have it.
+/// Both sides of a demand, with the acting pulse at `shift`; `None` if the SubDevice does not have
+/// the demand.
 pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check) -> Option<Demand> {
     let mode = device.mode;
     let (needed, available) = match check {
         Check::FramesInCycle => return None,
-        // What exchanges nothing has no cycle.
+        // A device without process data has no cycle.
         _ if device.outputs_arrival.is_none() && device.inputs_fetched.is_none() => return None,
-        // In Free Run the device's cycle is its own, if it really is in Free Run.
+        // In Free Run the cycle is the device's own, so only a stated minimum cycle is checked.
         Check::MinimumCycle if mode != SyncMode::FreeRun || device.minimum_cycle > Nanos::ZERO => {
             minimum_cycle(cycle, device)
         }
@@ -166,7 +168,7 @@ pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check)
             let origins = &device.origins;
             let sync1 = Sum::default().and(Quantity::Sync1, device.pulses.sync1, origins.sync1);
             let sync0_cycle = device.pulses.sync0_cycle;
-            // Both are made of one system time, each on a tick of its own.
+            // Both pulses follow one system time, each on its own tick.
             let moved = clocks::moved(cycle, sync0_cycle - device.pulses.sync1);
             let tick = if moved > Nanos::ZERO { TICK } else { Nanos::ZERO };
             let sync1 = sync1.if_any(Quantity::Moved, moved, Origin::Assumed).if_any(
@@ -238,7 +240,8 @@ fn sync0_cycle(device: &Device) -> Sum {
     Sum::default().and(Quantity::Sync0Cycle, cycle, origin)
 }
 
-/// Outputs must come again while those before are still valid; the SubDevice counts by its own oscillator.
+/// New outputs must arrive while the previous ones are valid; the SubDevice counts by its own
+/// oscillator.
 fn within_watchdog(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     device.outputs_arrival?;
     let (watchdog, origin) = (device.watchdog?, device.origins.watchdog);
@@ -250,7 +253,7 @@ fn within_watchdog(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     Some((needed, Sum::default().and(Quantity::Watchdog, watchdog, origin)))
 }
 
-/// A SubDevice without outputs counts reads of its inputs: one, no more and no less, between two pulses.
+/// A SubDevice without outputs counts the reads of its inputs: exactly one between two pulses.
 fn inputs_read(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum, Sum)> {
     if device.outputs_arrival.is_some() {
         return None;
@@ -263,12 +266,13 @@ fn inputs_read(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum, Sum
     Some((read, pulse(shift, lead)))
 }
 
-/// Until the outputs are in the SubDevice's memory at the latest, by its own clock.
+/// The latest instant at which the outputs are in the SubDevice's memory, by its own clock.
 fn outputs_stored(cycle: &Cycle, device: &Device) -> Option<Sum> {
     Some(through(cycle, device, device.outputs_arrival?))
 }
 
-/// Until the frame is through at the latest; `end`: behind its begin at the reference clock.
+/// The latest instant at which the frame has passed; `end` counts from its arrival at the reference
+/// clock.
 fn through(cycle: &Cycle, device: &Device, end: Nanos) -> Sum {
     Sum::default()
         .if_any(Quantity::Send, cycle.send, Origin::Plan)
@@ -298,7 +302,8 @@ fn pulse(shift: Nanos, lead: Nanos) -> Sum {
     )
 }
 
-/// From the acting pulse until inputs stand in the buffer, against the pulse's distance from the next frame.
+/// Time from the acting pulse until inputs are in the buffer, against the distance from the pulse
+/// to the next frame.
 fn inputs_available(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum, Sum)> {
     let fetched = device.inputs_fetched?;
     let (pulses, origins) = (&device.pulses, &device.origins);
@@ -324,7 +329,7 @@ fn inputs_available(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum
     Some((needed, available))
 }
 
-/// The same where a timer behind the SM event takes the inputs.
+/// The same demand if a timer behind the SM event latches the inputs.
 fn inputs_by_timer(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     let fetched = device.inputs_fetched?;
     let origins = &device.origins;
@@ -332,7 +337,7 @@ fn inputs_by_timer(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     let copy = device.output_calc_and_copy;
     let timer_counts = device.input_shift >= copy;
     let waits = if !timer_counts {
-        // When the timer comes the CPU is still at the outputs that the frame brought.
+        // The CPU is still busy with the outputs of the frame when the timer expires.
         stored.and(Quantity::OutputCalcAndCopy, copy, origins.output_calc_and_copy)
     } else {
         stored.and(Quantity::InputShift, device.input_shift, origins.input_shift)
@@ -344,7 +349,7 @@ fn inputs_by_timer(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     Some((needed, next_frame(cycle, device, fetched)))
 }
 
-/// When the frame of its next exchange begins at the SubDevice, at the earliest.
+/// The earliest instant at which the frame of the next exchange begins at the SubDevice.
 fn next_frame(cycle: &Cycle, device: &Device, fetched: Nanos) -> Sum {
     let send = Sum::default().if_any(Quantity::Send, cycle.send, Origin::Plan);
     own_cycle(send, cycle, device)
@@ -352,7 +357,7 @@ fn next_frame(cycle: &Cycle, device: &Device, fetched: Nanos) -> Sum {
         .and(Quantity::Propagation, device.delay, device.origins.delay)
 }
 
-/// The cycle of its exchange, named as its own where it is not the bus cycle.
+/// The cycle of its exchange, which has a name of its own if it is not the bus cycle.
 fn own_cycle(sum: Sum, cycle: &Cycle, device: &Device) -> Sum {
     let quantity = if device.every > 1 { Quantity::OwnCycle } else { Quantity::Cycle };
     sum.and(quantity, device.exchange(cycle), Origin::Intent)
@@ -375,7 +380,7 @@ fn outputs_valid(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
             Sum::default().and(Quantity::OutputDelay, delay, origins.output_delay)
         }
     };
-    // With subordinated cycles each SYNC0 lets outputs act anew.
+    // With subordinated cycles outputs act at each SYNC0 again.
     let pulse_cycle = pulses.sync0_cycle;
     let own = needed.total();
     let needed = needed
@@ -385,7 +390,8 @@ fn outputs_valid(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     Some((needed, available))
 }
 
-/// SYNC0 falls before its next pulse is due. A pulse below half its cycle is none to speak of: as a rule it is 10 us.
+/// SYNC0 ends before its next pulse is due. A pulse shorter than half the cycle is no problem, so
+/// it has no line; as a rule it is 10 us.
 fn sync0_falls(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     let (origins, sync0_cycle) = (&device.origins, device.pulses.sync0_cycle);
     let needed = match device.sync_signal {
@@ -398,7 +404,8 @@ fn sync0_falls(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
             .and(Quantity::Acknowledge, after, origins.pulse_jitter)
             .if_any(Quantity::PulseJitter, device.pulse_jitter, origins.pulse_jitter),
     };
-    // Its own oscillator counts until then; the next pulse comes by the clock that is led.
+    // Its own oscillator counts up to there; the next pulse follows the clock that the drift loop
+    // controls.
     let own = needed.total();
     let needed = needed.and_speed(cycle, device.clock_deviation_ppb, own).if_any(
         Quantity::Moved,
@@ -408,7 +415,7 @@ fn sync0_falls(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     Some((needed, self::sync0_cycle(device)))
 }
 
-/// SYNC0 lies where the SubDevice's clock has it, on a tick.
+/// SYNC0 follows the SubDevice's clock, on a tick.
 fn sync0_within_limit(cycle: &Cycle) -> Option<(Sum, Sum)> {
     let error = Some(cycle.clock_error).filter(|error| *error > Nanos::ZERO)?;
     let needed = Sum::default().and(Quantity::ClockError, error, cycle.clock_error_origin).and(
@@ -420,13 +427,12 @@ fn sync0_within_limit(cycle: &Cycle) -> Option<(Sum, Sum)> {
     Some((needed, Sum::default().and(Quantity::Sync0Limit, limit, Origin::Intent)))
 }
 
-/// How unevenly outputs follow their pulse, by true time; nothing to demand of outputs that follow
-/// it evenly.
+/// The spread of outputs behind their pulse, in true time. `None` for outputs without spread.
 fn outputs_spread(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     device.outputs_arrival?;
     let spread = Some(device.outputs_spread).filter(|spread| *spread > Nanos::ZERO)?;
-    // Its CPU counts the spread by an oscillator of its own; the pulse's tick is the same for both
-    // ends of it.
+    // Its CPU counts the spread by its own oscillator. The tick of the pulse shifts both ends of
+    // the spread equally.
     let speed = clocks::speed_part(cycle, device.clock_deviation_ppb, spread);
     let needed = Sum::default()
         .and(Quantity::OutputsSpread, spread, device.origins.pulse_jitter)
@@ -439,7 +445,7 @@ fn outputs_spread(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
 const TICK: Nanos = Nanos(10);
 
 impl Sum {
-    /// How late a frame may be: what the host adds, and what the hops do.
+    /// Adds the lateness of a frame: the host's part and the hops' part.
     fn and_frame_jitter(self, cycle: &Cycle) -> Self {
         let host = cycle.jitter - cycle.hop_jitter;
         self.if_any(Quantity::SendJitter, host, Origin::Intent).if_any(
@@ -449,8 +455,8 @@ impl Sum {
         )
     }
 
-    /// What a count of `span` by an oscillator that deviates by so much may be off: no loop keeps
-    /// it.
+    /// Adds the error of a count of `span` by an oscillator that deviates by so much and that no
+    /// loop corrects.
     fn and_speed(self, cycle: &Cycle, deviation_ppb: i64, span: Nanos) -> Self {
         let error = clocks::speed_error(cycle, deviation_ppb, span);
         match deviation_ppb {
@@ -459,7 +465,7 @@ impl Sum {
         }
     }
 
-    /// The same for a local timer, if one runs.
+    /// Adds that error for a local timer, if one runs.
     fn and_timer(self, cycle: &Cycle, device: &Device, span: Nanos) -> Self {
         match span {
             Nanos::ZERO => self,
@@ -467,8 +473,8 @@ impl Sum {
         }
     }
 
-    /// The same for a minimum cycle: a time that is stated is a nominal one; one of a CPU counts in
-    /// that CPU's own oscillator.
+    /// Adds that error for a minimum cycle. A stated time is a nominal one; a time of a CPU is
+    /// counted by the CPU's own oscillator.
     fn and_own_minimum(self, cycle: &Cycle, device: &Device, span: Nanos) -> Self {
         match device.origins.minimum_cycle {
             Origin::Assumed | Origin::MeasuredByDevice(_) => {

@@ -1,4 +1,4 @@
-//! When what happens in a cycle: the earliest and the latest instant of each event of a SubDevice.
+//! The earliest and the latest instant of each event in a SubDevice's cycle.
 
 use isocat_wire::time::Nanos;
 
@@ -6,13 +6,13 @@ use super::{Cycle, Device, Origin, clocks};
 use crate::mode::SyncMode;
 use crate::moment::Moment;
 
-/// From the earliest to the latest instant of an event, counted from the begin of the bus cycle in which the frame is
-/// sent.
+/// The earliest and the latest instant of an event, counted from the start of the bus cycle in
+/// which the frame is sent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Span {
-    /// Not before.
+    /// The event does not happen before this.
     pub earliest: Nanos,
-    /// Not after.
+    /// The event does not happen after this.
     pub latest: Nanos,
 }
 
@@ -22,12 +22,13 @@ impl Span {
     }
 }
 
-/// The events of one SubDevice's cycle; `None` where the mode does not have it or nobody can tell.
+/// The events of one SubDevice's cycle; `None` if the mode does not have the event or its time is
+/// not known.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Moments {
     /// SM2: outputs are stored.
     pub outputs_stored: Option<Span>,
-    /// Outputs are copied and calculated. Nothing states the least time that takes.
+    /// Outputs are copied and calculated. No object states the least time for that.
     pub outputs_ready: Option<Span>,
     /// The first SYNC0 that belongs to the acting pulse.
     pub sync0: Option<Span>,
@@ -37,14 +38,14 @@ pub struct Moments {
     pub outputs_valid: Option<Span>,
     /// Input Latch.
     pub input_latch: Option<Span>,
-    /// Inputs stand in the buffer. Nothing states the least time that takes.
+    /// Inputs are in the buffer. No object states the least time for that.
     pub inputs_available: Option<Span>,
-    /// The frame that fetches them begins here.
+    /// The frame that fetches the inputs begins here.
     pub inputs_fetched: Option<Span>,
 }
 
 impl Moments {
-    /// When a moment is planned; `None` where the plan does not have it.
+    /// The planned span of a moment; `None` if the plan does not have it.
     pub const fn of(&self, moment: Moment) -> Option<Span> {
         match moment {
             Moment::Sm2 => self.outputs_stored,
@@ -64,7 +65,8 @@ impl Moments {
     }
 }
 
-/// The events with the acting pulse at `shift`. In Free Run nothing has a place in the bus cycle but the frames.
+/// The events with the acting pulse at `shift`. In Free Run only the frames have a phase in the bus
+/// cycle.
 pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
     let Cycle { send, jitter, clock_error, .. } = *cycle;
     let (period, spread) = (device.exchange(cycle), device.frame_spread + device.ring_spread);
@@ -78,7 +80,7 @@ pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
     let sync0 = at(shift - pulses.lead);
     let latched = |span: Span| (span, span.after(Nanos::ZERO, device.input_calc_and_copy));
     let has_inputs = device.inputs_fetched.is_some();
-    // Spans behind a pulse are the device's own count.
+    // The device counts spans behind a pulse by its own oscillator.
     let off = |span| clocks::speed_part(cycle, device.clock_deviation_ppb, span);
     match device.mode {
         SyncMode::FreeRun => return moments,
@@ -92,7 +94,7 @@ pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
                 (Some(stored), Some(shift)) if has_inputs => {
                     let by_timer = stored.after(shift - off(shift), shift + off(shift));
                     let (latch, available) = latched(by_timer);
-                    // The CPU may still be at the outputs.
+                    // The CPU may still be busy with the outputs.
                     let waits = device.output_calc_and_copy.max(shift) - shift;
                     let latest = available.latest + waits;
                     moments.input_latch = Some(latch);
@@ -111,7 +113,7 @@ pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
         let from = if device.mode == SyncMode::DcSync1 { sync0 } else { stored };
         moments.outputs_ready = Some(from.after(Nanos::ZERO, device.output_calc_and_copy));
         let after = device.outputs_act_after();
-        // What is only assumed, or measured, says how long it takes at most.
+        // An assumed or measured delay is the longest one; the shortest is not known.
         let origin = device.origins.output_delay;
         let assumed = matches!(origin, Origin::Assumed | Origin::MeasuredByDevice(_));
         let least =

@@ -1,4 +1,4 @@
-//! The figures of a line: what each is, and where it comes from.
+//! The figures of a line: what each one is, and where it comes from.
 
 use core::fmt;
 
@@ -10,10 +10,10 @@ use crate::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 /// Where a figure comes from.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub enum Origin {
-    /// 80 ns a byte, 100 Mbit/s.
+    /// The wire: 80 ns per byte at 100 Mbit/s.
     #[default]
     Wire,
-    /// What the user asked for.
+    /// The user asked for it.
     Intent,
     /// The plan chose it.
     Plan,
@@ -23,16 +23,16 @@ pub enum Origin {
     Esi,
     /// Measured on the segment.
     Measured,
-    /// An entry of the device's dictionary that states nothing by itself: the device measured it on
-    /// command of sub-index 08.
+    /// An entry of the device's dictionary that the device filled by a measurement, on command of
+    /// sub-index 08.
     MeasuredByDevice(ObjectAddress),
-    /// Computed from what drift loops, thresholds and hops leave between clocks.
+    /// Computed from the errors that drift loops, thresholds and hops leave between clocks.
     Computed,
     /// Reset value of the chip's registers.
     Chip,
-    /// The profile of the device says so: cables, chips, CPUs.
+    /// The device's profile states it: cables, chips, CPUs.
     Profile,
-    /// Nobody says it: taken for it.
+    /// No source states it; it is assumed.
     Assumed,
 }
 
@@ -82,7 +82,7 @@ pub struct Origins {
 }
 
 impl Default for Origins {
-    /// All that an object can state is stated, delays are measured.
+    /// Everything that an object can state is stated; delays are measured.
     fn default() -> Self {
         let output = |sub| Origin::Object(ObjectAddress::new(OUTPUT_PARAMETER, sub));
         let input = |sub| Origin::Object(ObjectAddress::new(INPUT_PARAMETER, sub));
@@ -102,12 +102,12 @@ impl Default for Origins {
     }
 }
 
-/// What a figure is.
+/// The meaning of a figure.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Quantity {
     /// Phase at which the frame meets the reference clock.
     Send,
-    /// From the cycle's first bit to the last bit of the frame that brings the outputs.
+    /// From the cycle's first bit to the last bit of the frame with the outputs.
     FrameEnd,
     /// From the cycle's first bit to the first bit of the frame that fetches the inputs.
     FrameBegin,
@@ -119,23 +119,23 @@ pub enum Quantity {
     Propagation,
     /// How late the host may send a frame.
     SendJitter,
-    /// How much later than at best the hops on its way let a frame come.
+    /// Lateness of a frame that the hops on its way cause, against the best case.
     HopJitter,
     /// How much two clocks may differ.
     ClockError,
-    /// How much a SubDevice's own count of a span may differ from system time.
+    /// Largest difference of a SubDevice's own count of a span from system time.
     ClockSpeed,
-    /// The same where more is known of its oscillator.
+    /// The difference where the deviation of its oscillator is stated.
     StatedClockSpeed,
-    /// The same for spans that no pulse begins.
+    /// The difference for spans that do not begin at a pulse.
     Deviation,
-    /// How far a clock that is led may move in a span.
+    /// How far a clock under a drift loop may move in a span.
     Moved,
     /// Ticks on which pulses come.
     Tick,
     /// Largest SYNC0 error that counts as synchronized.
     Sync0Limit,
-    /// How unevenly outputs follow their pulse.
+    /// Spread of outputs behind their pulse.
     OutputsSpread,
     /// Largest spread of outputs that counts as synchronized.
     OutputsSpreadLimit,
@@ -145,7 +145,7 @@ pub enum Quantity {
     OwnCycle,
     /// Frames of other groups that go before its own in some cycles.
     OtherGroups,
-    /// Another way through the ring, as it is whole or cut.
+    /// The difference of another way through the ring, which is whole or cut.
     RingWay,
     /// SYNC0 cycle.
     Sync0Cycle,
@@ -153,7 +153,7 @@ pub enum Quantity {
     MinimumCycle,
     /// Phase of the pulse at which outputs act.
     ActingPulse,
-    /// The pulse that counts here lies before the acting one by this much.
+    /// Distance of the pulse that counts here before the acting one.
     Lead,
     /// From SYNC0 to SYNC1.
     Sync1,
@@ -173,18 +173,18 @@ pub enum Quantity {
     InputShift,
     /// How long outputs stay valid without new ones.
     Watchdog,
-    /// What a SubDevice's steps may be late behind their pulse.
+    /// Lateness of a SubDevice's steps behind their pulse.
     PulseJitter,
-    /// How long a SYNC pulse is.
+    /// Length of a SYNC pulse.
     PulseLength,
-    /// From a SYNC pulse until the device's program acknowledges it.
+    /// Time from a SYNC pulse until the device's program acknowledges it.
     Acknowledge,
-    /// The nanosecond by which "less" differs from "not more".
+    /// The nanosecond that turns "less than" into "not more than".
     Strictly,
 }
 
 impl Quantity {
-    /// In words.
+    /// The meaning in words.
     pub const fn words(self) -> &'static str {
         match self {
             Self::Send => "frame meets the reference clock",
@@ -254,12 +254,12 @@ impl Sum {
         self.terms.iter().flatten().copied()
     }
 
-    /// What they make.
+    /// The sum of the figures.
     pub fn total(&self) -> Nanos {
         self.terms().fold(Nanos::ZERO, |sum, term| sum + term.value)
     }
 
-    /// With one more, if it is not nothing: figures of zero that the mode does not have stay out.
+    /// The sum with one more figure, even if that is zero.
     pub(super) fn and(mut self, quantity: Quantity, value: Nanos, origin: Origin) -> Self {
         let free = self.terms.iter_mut().find(|term| term.is_none());
         let free = free.expect("no line has more figures");
@@ -267,7 +267,7 @@ impl Sum {
         self
     }
 
-    /// The same for figures that are zero as a rule.
+    /// The sum with one more figure, unless that is zero, as it usually is.
     pub(super) fn if_any(self, quantity: Quantity, value: Nanos, origin: Origin) -> Self {
         if value == Nanos::ZERO { self } else { self.and(quantity, value, origin) }
     }

@@ -58,7 +58,7 @@ fn inputs_before_the_next_frame_to_the_nanosecond() {
     let last = 1_000_000 + 1_000 - 40_000 - 100;
     assert_eq!(slack(&CYCLE, last, &drive(), Check::InputsBeforeFrame), 0);
     assert_eq!(slack(&CYCLE, last + 1, &drive(), Check::InputsBeforeFrame), -1);
-    // The timer's own speed, a tick, and the shift.
+    // The difference is the deviation of the timer, a tick, and the shift.
     let shifted = |ns| Device { input_shift: Nanos(ns), ..drive() };
     assert_eq!(slack(&CYCLE, last, &shifted(1), Check::InputsBeforeFrame), -1 - 11);
     assert_eq!(slack(&CYCLE, last - 20_012, &shifted(20_000), Check::InputsBeforeFrame), 0);
@@ -77,7 +77,7 @@ fn minimum_cycle_names_both_figures() {
     let cycle = |ns| Cycle { cycle: Nanos(ns), ..CYCLE };
     assert_eq!(slack(&cycle(270_000), 0, &exact, Check::MinimumCycle), 0);
     assert_eq!(slack(&cycle(269_999), 0, &exact, Check::MinimumCycle), -1);
-    // What nobody states is a CPU's own count: 100 ppm of the cycle, and a tick.
+    // An unstated time is counted by a CPU: 100 ppm of the cycle, and a tick.
     let origins = Origins { minimum_cycle: Origin::Assumed, ..exact.origins };
     let unstated = Device { origins, ..exact };
     assert_eq!(slack(&cycle(270_038), 0, &unstated, Check::MinimumCycle), 0);
@@ -92,7 +92,7 @@ fn shift_covers_the_delay_and_stays_in_the_cycle() {
     let ideal = Cycle { clock_error: Nanos(0), ..CYCLE };
     assert_eq!(slack(&ideal, 500_000, &with(1_000_000), Check::OutputsValidInCycle), 0);
     assert_eq!(slack(&ideal, 500_000, &with(1_000_001), Check::OutputsValidInCycle), -1);
-    // An oscillator within 100 ppm, and a tick.
+    // The oscillator is within 100 ppm, plus a tick.
     assert_eq!(slack(&CYCLE, 500_000, &with(999_890), Check::OutputsValidInCycle), 0);
     assert_eq!(slack(&CYCLE, 500_000, &with(999_891), Check::OutputsValidInCycle), -1);
     assert_eq!(slack(&CYCLE, 500_000, &with(30_000), Check::OutputsValidInCycle), 969_987);
@@ -109,7 +109,7 @@ fn the_common_shift_shares_the_slack() {
     assert_eq!(common_shift(&CYCLE, [&free]), None);
 }
 
-/// SYNC0 fetches, SYNC1 acts: both distances to the nanosecond.
+/// SYNC0 fetches, SYNC1 acts: both distances are tested to the nanosecond.
 #[test]
 fn dc_sync1_needs_the_outputs_before_sync0_and_the_copy_time_before_sync1() {
     let distance = |sync1| Device {
@@ -125,14 +125,14 @@ fn dc_sync1_needs_the_outputs_before_sync0_and_the_copy_time_before_sync1() {
     // A tick, 100 ppm of the copy time, and 6 % of the clock error.
     assert_eq!(at(500_000, &distance(60_023), Check::Sync1CoversCopy), 0);
     assert_eq!(at(500_000, &distance(60_022), Check::Sync1CoversCopy), -1);
-    // A tick, and no share of the clock error that is worth a nanosecond.
+    // A tick; the share of the clock error is below a nanosecond.
     assert_eq!(at(500_000, &distance(999_988), Check::Sync1BeforeNextSync0), 0);
     assert_eq!(at(500_000, &distance(999_989), Check::Sync1BeforeNextSync0), -1);
     // Half a cycle from SYNC1 to SYNC0: half the clock error.
     assert_eq!(at(500_000, &distance(500_000), Check::Sync1BeforeNextSync0), 500_000 - 50 - 11);
     assert_eq!(device.sync0_phase(Nanos(500_000)), Nanos(440_000));
     assert_eq!(device.sync0_phase(Nanos(50_000)), Nanos(990_000));
-    // Inputs are taken at SYNC1 itself.
+    // Inputs are latched at SYNC1 itself.
     let last = 1_000_000 + 1_000 - 40_000 - 100;
     assert_eq!(at(last, &device, Check::InputsBeforeFrame), 0);
 }
@@ -155,7 +155,7 @@ fn inputs_at_sync1_come_later_than_the_outputs() {
     assert_eq!(slack(&CYCLE, last + 1, &device, Check::InputsBeforeFrame), -1);
     let ready = 12_345 + 20_000 + 100 + 60_000;
     assert_eq!(slack(&CYCLE, ready, &device, Check::OutputsBeforeSync0), 0);
-    // Outputs at SYNC1 too: everything counts from there.
+    // If outputs act at SYNC1 too, everything counts from there.
     let both = Device { pulses: Pulses { lead: Nanos(200_000), ..device.pulses }, ..device };
     assert_eq!(slack(&CYCLE, ready + 200_000, &both, Check::OutputsBeforeSync0), 0);
     assert_eq!(slack(&CYCLE, last + 200_000, &both, Check::InputsBeforeFrame), 0);
@@ -187,7 +187,7 @@ fn the_inputs_shift_covers_their_delay() {
     assert_eq!(budget(&CYCLE, Nanos(500_000), &drive()).line(Check::InputShiftCoversDelay), None);
 }
 
-/// Inputs by a timer behind SM2: both ends of the distance to the next frame.
+/// A timer behind SM2 latches the inputs: both ends of the distance to the next frame are tested.
 #[test]
 fn inputs_by_timer_stand_before_the_next_frame() {
     let with = |ns| Device { mode: SyncMode::SmSynchronous, input_shift: Nanos(ns), ..drive() };
@@ -203,8 +203,8 @@ fn frames_fill_the_cycle_to_the_nanosecond() {
     assert_eq!(frames_in_cycle(&CYCLE, Nanos(979_791 - 6_720)).slack(), Nanos(-1));
 }
 
-/// In a ring, frames that go the longest way end later, and they come so much sooner on another way: for a device that
-/// starts with them, two of them are so much nearer to each other.
+/// In a ring, frames on the longest way end later, and frames on another way come sooner by the
+/// same time. A device that starts with the frames sees two of them closer together by that time.
 #[test]
 fn ways_through_a_ring_are_counted_to_the_nanosecond() {
     let cycle = Cycle { ring_way: Nanos(700), ..CYCLE };
@@ -226,7 +226,7 @@ fn ways_through_a_ring_are_counted_to_the_nanosecond() {
     }
 }
 
-/// Without outputs the read of the inputs must not lie on both sides of the pulse that counts it.
+/// Without outputs, the read of the inputs must not straddle the pulse that counts it.
 #[test]
 fn inputs_are_read_before_the_pulse_to_the_nanosecond() {
     let device = Device { outputs_arrival: None, watchdog: None, ..drive() };
@@ -238,7 +238,7 @@ fn inputs_are_read_before_the_pulse_to_the_nanosecond() {
     assert_eq!(none, None, "outputs are what counts");
 }
 
-/// 100 ms less 10 us by which a slow oscillator and a tick shorten them.
+/// 100 ms, less the 10 us that a slow oscillator and a tick take away.
 #[test]
 fn outputs_come_before_the_watchdog_to_the_nanosecond() {
     let device = Device { watchdog: Some(Nanos(100_000_000)), ..drive() };
@@ -250,7 +250,7 @@ fn outputs_come_before_the_watchdog_to_the_nanosecond() {
     assert_eq!(sign.sign(device.mode), Sign::Fall(isocat_wire::AlStatusCode::WATCHDOG));
 }
 
-/// The window is where both lines that look at the acting pulse have no slack left, in every mode.
+/// The window ends where the two lines of the acting pulse have no slack left, in every mode.
 #[test]
 fn the_window_ends_where_slack_ends() {
     for mode in SyncMode::ALL.into_iter().filter(|mode| mode.uses_dc()) {
@@ -269,7 +269,7 @@ fn the_window_ends_where_slack_ends() {
         assert_eq!(at(earliest - Nanos(1), before_pulse(&device)), -1, "{mode}");
         assert_eq!(at(latest, Check::InputsBeforeFrame), 0, "{mode}");
         assert_eq!(at(latest + Nanos(1), Check::InputsBeforeFrame), -1, "{mode}");
-        // What the moments say is what the lines say.
+        // The moments agree with the lines.
         let moments = moments(&CYCLE, latest, &device);
         let available = moments.inputs_available.unwrap().latest;
         let fetched = CYCLE.cycle + device.inputs_fetched.unwrap();
@@ -277,7 +277,7 @@ fn the_window_ends_where_slack_ends() {
     }
 }
 
-/// Each sum names where every figure comes from, and is what the line says.
+/// Each sum names the origin of every figure and adds up to the line.
 #[test]
 fn sums_are_made_of_their_figures() {
     let demand = demand(&CYCLE, Nanos(500_000), &drive(), Check::OutputsBeforeSync0).unwrap();
@@ -295,7 +295,7 @@ fn sums_are_made_of_their_figures() {
     assert_eq!(last.origin.to_string(), "0x1C32:06");
 }
 
-/// SYNC1 is the shift where outputs act at it: a local timer counts in neither mode.
+/// If outputs act at SYNC1 it is their shift: a local timer counts in neither mode.
 #[test]
 fn an_output_that_acts_at_sync1_has_no_shift_by_timer() {
     let device = |mode, on_sync1| Device {
@@ -323,7 +323,8 @@ fn an_output_that_acts_at_sync1_has_no_shift_by_timer() {
     assert_eq!((valid.earliest, valid.latest), (Nanos(529_897), Nanos(530_103)));
 }
 
-/// Both limits to the nanosecond: spread with 100 ppm of it, clock error with a tick.
+/// Both limits are tested to the nanosecond: the spread with 100 ppm of it, the clock error with a
+/// tick.
 #[test]
 fn limits_of_the_judges_are_lines() {
     let spread = |spread, limit| {
@@ -365,7 +366,8 @@ fn a_clock_that_is_known_to_deviate_more_counts_with_it() {
     assert_eq!((valid.earliest, valid.latest), (Nanos(399_845), Nanos(400_155)));
 }
 
-/// A CPU's own count of its cycle: 100 ppm of 250 us and a tick; a stated one is nominal.
+/// A CPU counts its cycle by its own oscillator: 100 ppm of 250 us and a tick. A stated cycle is
+/// nominal.
 #[test]
 fn an_assumed_minimum_cycle_counts_in_the_devices_own_time() {
     let with = |origin| {
@@ -376,7 +378,7 @@ fn an_assumed_minimum_cycle_counts_in_the_devices_own_time() {
     assert_eq!(with(Origin::Assumed), 750_000 - 25 - 10);
 }
 
-/// What the hops add is a term of its own; host and hops together are the jitter.
+/// The jitter of the hops is a separate term; host and hops together are the jitter.
 #[test]
 fn jitter_of_hops_is_not_the_hosts() {
     let cycle = Cycle { jitter: Nanos(20_124), hop_jitter: Nanos(124), ..CYCLE };
@@ -398,7 +400,7 @@ fn jitter_of_hops_is_not_the_hosts() {
     assert_eq!(frames.line(), frames_in_cycle(&one, Nanos(100_000)).line());
 }
 
-/// A shift by timer behind a frame that is not sent at phase 0: the longest line there is.
+/// A shift by timer behind a frame that is not sent at phase 0 gives the longest line.
 #[test]
 fn the_longest_line_has_room_for_its_figures() {
     let cycle = Cycle { send: Nanos(1_000), hop_jitter: Nanos(124), ..CYCLE };
@@ -412,7 +414,7 @@ fn the_longest_line_has_room_for_its_figures() {
     assert_eq!(demand.needed.terms().count(), 9);
 }
 
-/// What is left of a cycle until SYNC0 falls, where both clocks are ideal: to the nanosecond.
+/// The rest of a cycle after SYNC0 ends, for ideal clocks, to the nanosecond.
 #[test]
 fn sync0_falls_before_its_next_pulse() {
     let ideal = Cycle { clock_error: Nanos::ZERO, ..CYCLE };
@@ -426,7 +428,7 @@ fn sync0_falls_before_its_next_pulse() {
     assert_eq!(slack(Acknowledged(Nanos(1_000_001)), 0), Some(-1));
     assert_eq!(slack(Acknowledged(Nanos(999_000)), 1_001), Some(-1));
     assert_eq!(slack(Acknowledged(Nanos::ZERO), 0), Some(1_000_000));
-    // The hardware ends a pulse: no jitter. One below half the cycle is no line.
+    // The hardware ends a pulse without jitter. A pulse shorter than half the cycle has no line.
     assert_eq!(slack(Pulse(Nanos(1_000_000)), 5_000), Some(0));
     assert_eq!(slack(Pulse(Nanos(500_000)), 0), Some(500_000));
     assert_eq!(slack(Pulse(Nanos(499_999)), 0), None);
@@ -436,7 +438,8 @@ fn sync0_falls_before_its_next_pulse() {
     assert_eq!(demand(&ideal, Nanos(500_000), &sm, Check::Sync0FallsInCycle), None);
 }
 
-/// 100 ppm of the time until the acknowledgement, a tick, and what the clock that is led may move in a cycle.
+/// The terms: 100 ppm of the time until the acknowledge, a tick, and the movement of the controlled
+/// clock in a cycle.
 #[test]
 fn what_acknowledges_counts_by_its_own_clock() {
     let device = Device { sync_signal: SyncSignal::Acknowledged(Nanos(400_000)), ..drive() };

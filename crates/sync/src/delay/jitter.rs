@@ -1,10 +1,10 @@
-//! How much frames jitter on their way, by the kinds of ports: what a latch is worth before a
-//! second one is taken.
+//! The jitter of frames on their way, by the kinds of ports: it tells how good one latch is before
+//! a second one is taken.
 //!
-//! A port takes a frame into its ESC's own clock, so that each hop is longer or shorter than on the
-//! average by up to half a period of that clock, evenly spread: a variance of period² / 12. What is
-//! added up here is an expectation over all ways in which the clocks may stand to each other. How
-//! far latches averaged it out is seen in their spread, by [`Averaging`](super::Averaging).
+//! A port takes a frame into its ESC's own clock. Each hop is therefore longer or shorter than the
+//! average by up to half a period of that clock, evenly distributed: a variance of period² / 12.
+//! The sums in this file are expectations over all phases between the clocks. How far latches
+//! averaged the jitter out shows in their spread, see [`Averaging`](super::Averaging).
 
 use isocat_wire::address::PortNumber;
 use isocat_wire::time::Picos;
@@ -12,22 +12,22 @@ use isocat_wire::time::Picos;
 /// One SubDevice, in processing order.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Hop {
-    /// Index of the SubDevice it hangs on, and that one's port.
+    /// Index of its parent in the tree, and the parent's port.
     pub parent: Option<(usize, PortNumber)>,
-    /// Period of the clock that takes frames which come from above.
+    /// Period of the clock that receives frames from above.
     pub out: Picos,
-    /// The same at the parent's port, for frames on their way back.
+    /// Period of the clock at the parent's port, for frames on their way back.
     pub back: Picos,
 }
 
-/// What one SubDevice sees of the jitter of hops; all are variances in ps².
+/// The jitter of the hops as one SubDevice sees it; all are variances in ps².
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub struct HopJitter {
-    /// When a frame arrives, against when it was at the first SubDevice.
+    /// Of the arrival of a frame, relative to its arrival at the first SubDevice.
     pub arrival: u64,
-    /// The delay from the first SubDevice by one latch.
+    /// Of the delay from the first SubDevice, measured by one latch.
     pub delay: u64,
-    /// From a frame's arrival until it is back at each port.
+    /// Of the time from a frame's arrival until it is back at each port.
     pub rounds: [u64; 4],
     /// All round trips of SubDevices up to this one.
     sum: u64,
@@ -42,8 +42,8 @@ impl HopJitter {
     }
 }
 
-/// Adds up the hops of a segment; `jitter` must be as long as `hops`. Of SubDevices that are
-/// processed before the one they hang on (cables swapped) the hop alone is counted.
+/// Adds up the hops of a segment; `jitter` must be as long as `hops`. For a SubDevice that is
+/// processed before its parent (cables swapped) only its own hop is counted.
 pub fn hop_jitter(hops: &[Hop], jitter: &mut [HopJitter]) {
     let above = |at: usize| hops[at].parent.filter(|(parent, _)| *parent < at);
     let mut sum = 0u64;
@@ -53,13 +53,13 @@ pub fn hop_jitter(hops: &[Hop], jitter: &mut [HopJitter]) {
             HopJitter { arrival: out, delay: (out + back) / 4, end: at, ..HopJitter::default() };
         match above(at) {
             Some((parent, _)) => {
-                // Frames come here through the branches of the parent that they visit before.
+                // Before this SubDevice, frames pass the earlier branches of its parent.
                 let branches = sum - jitter[parent].sum;
                 found.arrival += jitter[parent].arrival + branches;
                 found.delay += jitter[parent].delay + branches;
                 sum += out + back;
             }
-            // The way to the first one is no part of any delay.
+            // The way to the first SubDevice is not part of any delay.
             None => (found.arrival, found.delay) = (0, 0),
         }
         found.sum = sum;
@@ -73,7 +73,7 @@ pub fn hop_jitter(hops: &[Hop], jitter: &mut [HopJitter]) {
     }
 }
 
-/// Of numbers that lie anywhere within a period.
+/// The variance of numbers that are evenly distributed over a period.
 fn variance(period: Picos) -> u64 {
     period.0.unsigned_abs().saturating_mul(period.0.unsigned_abs()) / 12
 }
@@ -112,7 +112,7 @@ mod tests {
         assert_eq!(rounds, [6 * ONE, 4 * ONE, 2 * ONE, 0]);
     }
 
-    /// A fork with two behind its first branch and one behind its second.
+    /// A fork with two SubDevices behind its first branch and one behind its second.
     #[test]
     fn branches_before_are_passed_there_and_back() {
         let hops = [hop(None), hop(Some((0, P3))), hop(Some((1, P1))), hop(Some((0, P1)))];

@@ -1,18 +1,19 @@
-//! Several latches averaged, and what is left of their errors.
+//! The mean of several latches, and its remaining error.
 //!
-//! A receive time that lies anywhere within a tick has the variance 10² / 12 ns², so one latch gives a delay
-//! with the variance V = 10² / 12 ns² times the squares of its coefficients. How much of that a mean of n latches
-//! keeps depends on where in the tick they fell. If they always fell at one place, all are wrong by the
-//! same and the mean is no better than one; if they fell anywhere, it keeps V / n. Whatever they did, by the law
-//! of total variance the mean keeps V less the mean square deviation of the latches from their mean. For
-//! one delay that is a poor estimate (an interval of whole ticks never deviates), so it is taken over all SubDevices:
-//! [`Averaging`].
+//! A receive time that lies anywhere within a tick has the variance 10² / 12 ns². One latch
+//! therefore gives a delay with the variance V = 10² / 12 ns² times the squares of its
+//! coefficients. How much of V a mean of n latches keeps depends on where in the tick they fell. If
+//! they always fell at one place, all have the same error and the mean is no better than one latch;
+//! if they fell anywhere, the mean keeps V / n. In all cases, by the law of total variance, the
+//! mean keeps V less the mean square deviation of the latches from their mean. For one delay that
+//! is a poor estimate (an interval of whole ticks never deviates), so it is taken over all
+//! SubDevices: [`Averaging`].
 //!
-//! The jitter of hops ([`HopJitter`]) is treated as quantization is: it is one of clocks that stand
-//! anyhow to each other and may stand still, so that latches average it out as far as they are seen
-//! to.
+//! The jitter of hops ([`HopJitter`]) is treated like quantization. It comes from clocks whose
+//! phases are arbitrary and may stay constant, so latches average it out only as far as their
+//! spread shows.
 //!
-//! Noise that is no quantization shows in the spread of the delay itself: the error is never stated below it.
+//! Other noise shows in the spread of the delay itself; the error is never stated below that.
 
 use isocat_wire::time::Picos;
 
@@ -22,9 +23,9 @@ use super::{Delay, Found, HopJitter, Why};
 /// All latches of one SubDevice.
 #[derive(Clone, Copy, Default, Debug)]
 pub struct Mean {
-    /// Latches that told the delay.
+    /// Latches that gave the delay.
     known: u32,
-    /// Latches that did not.
+    /// Latches that did not give the delay.
     left_out: u32,
     why: Option<Why>,
     /// ps.
@@ -35,9 +36,9 @@ pub struct Mean {
     most: i64,
     quarters: u64,
     systematic: Picos,
-    /// The last one that did not tell it.
+    /// The range of the last latch that did not give the delay.
     between: Option<(Picos, Picos)>,
-    /// What is expected beside quantization.
+    /// The jitter that is expected in addition to quantization.
     jitter: HopJitter,
 }
 
@@ -46,33 +47,34 @@ pub struct Mean {
 struct Spread {
     count: u32,
     first: i64,
-    /// Of the differences from the first.
+    /// Sum of the differences from the first number.
     sum: i64,
     squares: u128,
 }
 
-/// How far the latches averaged quantization out, over a whole segment.
+/// How far the latches of a whole segment averaged quantization out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Averaging {
-    /// Of the variance of one latch, how much the mean keeps; 1024 is all of it.
+    /// The part of one latch's variance that the mean keeps; 1024 is all of it.
     kept: u32,
 }
 
-/// All of a variance.
+/// The whole of a variance.
 const ALL: u32 = 1024;
 
 impl Mean {
-    /// No latch yet, of a SubDevice that frames come to with this jitter. The default expects none.
+    /// A mean without latches, for a SubDevice whose frames have this jitter. The default expects
+    /// none.
     pub fn expecting(jitter: HopJitter) -> Self {
         Self { jitter, ..Self::default() }
     }
 
-    /// The same without the latches taken.
+    /// The same mean without its latches.
     pub fn restarted(&self) -> Self {
         Self::expecting(self.jitter)
     }
 
-    /// Takes one more latch.
+    /// Adds a latch.
     pub fn add(&mut self, found: &Found) {
         if found.why.is_some() {
             self.left_out += 1;
@@ -97,28 +99,29 @@ impl Mean {
         self.systematic = self.systematic.max(found.systematic);
     }
 
-    /// Latches that told the delay.
+    /// Number of latches that gave the delay.
     pub fn latches(&self) -> u32 {
         self.known
     }
 
-    /// Latches that came back and did not tell it.
+    /// Number of latches that came back and did not give the delay.
     pub fn left_out(&self) -> u32 {
         self.left_out
     }
 
-    /// Largest less smallest delay.
+    /// The largest delay less the smallest.
     pub fn spread(&self) -> Picos {
         Picos(self.most - self.least)
     }
 
-    /// The result. A delay counts as known if at least half of the latches told it.
+    /// The result. A delay counts as known if at least half of the latches gave it.
     pub fn delay(&self, averaging: Averaging) -> Delay {
         if self.known == 0 || self.known < self.left_out {
             let why = self.why.unwrap_or(Why::NoLatch);
             return Delay::Indeterminate { why, between: self.between };
         }
-        // A clock behind the reference can't be reached before it: below zero there is only noise.
+        // A frame cannot reach a clock behind the reference earlier than the reference: below zero
+        // it is noise.
         let delay = Picos(self.delays.mean().max(0));
         let one = self.quantization() + u128::from(self.jitter.delay);
         let kept = one * u128::from(averaging.kept) / u128::from(ALL);
@@ -144,7 +147,7 @@ impl Spread {
         self.squares += u128::from(difference.unsigned_abs()).pow(2);
     }
 
-    /// Rounded to the nearest.
+    /// The mean, rounded to the nearest.
     fn mean(&self) -> i64 {
         let count = i64::from(self.count.max(1));
         self.first + (self.sum + count / 2).div_euclid(count)
@@ -156,7 +159,7 @@ impl Spread {
         self.squares.saturating_sub(u128::from(self.sum.unsigned_abs()).pow(2) / count)
     }
 
-    /// Variance of the mean if nothing but the spread is known.
+    /// Variance of the mean if only the spread is known.
     fn of_the_mean(&self) -> u128 {
         match u128::from(self.count) {
             0 | 1 => 0,
@@ -166,14 +169,14 @@ impl Spread {
 }
 
 impl Averaging {
-    /// Looks at all SubDevices of a segment.
+    /// Evaluates all SubDevices of a segment.
     pub fn of(means: &[Mean]) -> Self {
         let rounds = || {
             let all = means.iter().flat_map(|mean| mean.rounds.iter().zip(mean.jitter.rounds));
             all.filter(|(round, _)| round.count > 0)
         };
-        // Two times in each, with a variance of 10² / 12 ns², and the jitter; all times 6. Each
-        // counts the same, however much is expected of it.
+        // Each has two times with a variance of 10² / 12 ns², and the jitter; everything is
+        // multiplied by 6. All count the same, whatever jitter is expected.
         let all = 100 * rounds().count() as u128;
         let seen = |(round, jitter): (&Spread, u64)| {
             let expected = 100 + 6 * u128::from(jitter) / 1_000_000;
@@ -197,13 +200,13 @@ mod tests {
 
     use super::*;
 
-    /// Ten latches of a delay with two coefficients of a half, which deviate by so many ps in turn.
+    /// Ten latches of a delay with two coefficients of a half, with these deviations in ps in turn.
     fn mean(deviations: &[i64]) -> Mean {
         let mut mean = Mean::default();
         for deviation in deviations {
             let mut found = Found::default();
             (found.delay, found.why) = (Picos(500_000 + deviation), None);
-            // The reference's, half of whose round trip the delay is.
+            // These are the reference's times; the delay is half of its round trip.
             found.rounds[1] = Some(1_000 + deviation / 500);
             found.quarters = 2;
             mean.add(&found);
@@ -235,12 +238,13 @@ mod tests {
 
     #[test]
     fn latches_all_over_the_tick_are_worth_their_number() {
-        // Half of them one tick later, so half a tick of delay: more than V on the average.
+        // Half of them are one tick later, which is half a tick of delay: more than V on the
+        // average.
         let spread: Vec<i64> = (0..16).map(|i| 5_000 * (i % 2)).collect();
         let spread = mean(&spread);
         // 2.5 ns of deviation, 15 degrees of freedom.
         assert_eq!(error(&spread, Averaging::of(&[spread])), 646);
-        // One that never deviates borrows from the others that the latches fell everywhere.
+        // One without deviation learns from the others that the latches fell everywhere.
         let same = mean(&[0; 16]);
         let together = Averaging::of(&[same, spread, spread]);
         assert_eq!(error(&same, together), ONE.div_euclid(4) + 1);

@@ -1,50 +1,53 @@
-//! The delays that one latch gives: every SubDevice's way from the reference clock.
+//! The delays that one latch gives: the way of every SubDevice from the reference clock.
 //!
-//! The way is a sum over SubDevices, each of which gives a few of its own receive times with coefficients of a
-//! half: that is what makes errors cancel along a line and what their variance follows from. At a SubDevice
-//! with the entry `e` and the last port `l` that is left through `a`, having visited `p` before:
+//! The way is a sum over SubDevices. Each contributes a few of its own receive times with
+//! coefficients of a half: this makes errors cancel along a line and determines their variance. Let
+//! a SubDevice have the entry `e` and the last port `l`, and let the way leave it through `a`,
+//! after the port `p`:
 //!
-//! - it was reached: `(e - l) / 2`;
-//! - it is left: `(a + p) / 2 - e`.
+//! - to reach it adds `(e - l) / 2`;
+//! - to leave it adds `(a + p) / 2 - e`.
 //!
-//! So in a line, where `p` is `e` and `a` is `l`, nothing remains. From the reference the ways go up to the first
-//! SubDevice with receive times and from there down to all the others; each is visited a fixed number of
-//! times.
+//! In a line `p` is `e` and `a` is `l`, so the sum is zero. From the reference the ways lead up to
+//! the first SubDevice with receive times, and from there down to all the others. Each SubDevice is
+//! visited a fixed number of times.
 
 use isocat_wire::address::PortNumber;
 use isocat_wire::time::{Nanos, Picos};
 
 use super::{Node, Stay, Why};
 
-/// What one latch tells of one SubDevice.
+/// The result of one latch for one SubDevice.
 #[derive(Clone, Copy, Debug)]
 pub struct Found {
-    /// From the reference's processing unit to this one's; with [`Found::why`] the middle of what is possible.
+    /// The way from the reference's processing unit to this one's. With [`Found::why`] it is the
+    /// middle of the possible range.
     pub(super) delay: Picos,
-    /// Half the width of what is possible; `None`: anything. 0 where the delay is known.
+    /// Half the width of the possible range; `None` means no limit. 0 if the delay is known.
     pub(super) slack: Option<Picos>,
     pub(super) why: Option<Why>,
-    /// Squares of the coefficients of all receive times in it, times 4.
+    /// Four times the sum of the squared coefficients of all receive times in the delay.
     pub(super) quarters: u64,
     pub(super) systematic: Picos,
-    /// How long the frame was on its way from the entry to each other port, ns.
+    /// Time from the frame's arrival at the entry to its arrival at each other port, ns.
     pub(super) rounds: [Option<i64>; 4],
     work: Work,
 }
 
-/// Where the calculation stands at one SubDevice.
+/// The state of the calculation for one SubDevice.
 #[derive(Clone, Copy, Debug)]
 struct Work {
     /// Its receive times can be used.
     timed: bool,
     progress: Progress,
-    /// The next one in an order in which parents come first.
+    /// The next SubDevice in an order in which parents come first.
     after: usize,
-    /// The next SubDevice above that has usable times.
+    /// The nearest SubDevice above with usable times.
     above: Option<Above>,
-    /// Its entry from the reference's processing unit, as far as other SubDevices give it.
+    /// The part of its distance from the reference's processing unit that other SubDevices' times
+    /// give.
     others: Sum,
-    /// What its own receive times give to that, in halves.
+    /// The coefficients of its own receive times in that distance, in halves.
     own: [i8; 4],
 }
 
@@ -62,10 +65,10 @@ enum Progress {
 struct Above {
     at: usize,
     port: PortNumber,
-    /// What SubDevices in between add on the way out less on the way back.
+    /// What the SubDevices in between add on the way out, less what they add on the way back.
     uneven: Picos,
     bound: Picos,
-    /// One of them branches.
+    /// A SubDevice in between that branches.
     branch: Option<usize>,
 }
 
@@ -104,12 +107,13 @@ impl Default for Found {
     }
 }
 
-/// Finds the way of each SubDevice from the reference clock, from the times of one latch.
+/// Computes the way of each SubDevice from the reference clock, from the times of one latch.
 ///
-/// `rate_ppb` is how far the speeds of two counters may lie apart, parts per billion: 100 000 for two that run freely
-/// within 50 ppm each. SubDevices without receive times and with two open ports count as cable, and so do
-/// those whose times can't be used. `found` must be as long as `nodes`; what is longer is left alone.
-/// Parents that are not there, have that port closed or go in a circle count as none.
+/// `rate_ppb` is the largest difference of the speeds of two counters, parts per billion: 100 000
+/// for two that run freely within 50 ppm each. A SubDevice without receive times and with two open
+/// ports counts as cable; so does one whose times cannot be used. `found` must be as long as
+/// `nodes`; entries beyond that stay as they are. A parent that does not exist, that has the port
+/// closed, or that is part of a circle counts as none.
 pub fn propagation_delays(nodes: &[Node], reference: usize, rate_ppb: u32, found: &mut [Found]) {
     let count = nodes.len().min(found.len());
     let mut way = Way { nodes: &nodes[..count], reference, rate_ppb, found: &mut found[..count] };
@@ -138,8 +142,8 @@ pub fn propagation_delays(nodes: &[Node], reference: usize, rate_ppb: u32, found
 const NONE: usize = usize::MAX;
 /// A tick of the counters, ps.
 pub(super) const TICK: i64 = 10_000;
-/// Longest round trip to the next SubDevice that is believed: 25 km of fibre. A port that no frame comes back
-/// at tells any time.
+/// Longest plausible round trip to the next SubDevice: 25 km of fibre. A port at which no frame
+/// comes back shows an arbitrary time.
 const LONGEST_HOP_NS: i64 = 250_000;
 
 struct Way<'a> {
@@ -150,7 +154,7 @@ struct Way<'a> {
 }
 
 impl Node {
-    /// Whether its receive times grow from port to port, in a segment of so many SubDevices.
+    /// Whether its receive times grow from port to port, in a segment of `count` SubDevices.
     fn in_order(&self, count: usize) -> bool {
         if self.receive_times.is_none() {
             return false;
@@ -165,7 +169,7 @@ impl Node {
         })
     }
 
-    /// Coefficients (in halves) of "it was reached".
+    /// Coefficients (in halves) for reaching the SubDevice.
     fn reached(&self) -> [i8; 4] {
         let mut all = [0; 4];
         all[self.entry.index()] += 1;
@@ -173,7 +177,7 @@ impl Node {
         all
     }
 
-    /// Coefficients (in halves) of "it is left through this port".
+    /// Coefficients (in halves) for leaving the SubDevice through this port.
     fn left(&self, port: PortNumber) -> [i8; 4] {
         let mut all = [0; 4];
         all[port.index()] += 1;
@@ -182,8 +186,8 @@ impl Node {
         all
     }
 
-    /// Half ps that these coefficients make. They add up to nothing, so where the counter stands is all the
-    /// same.
+    /// The sum with these coefficients, in half ps. The coefficients add up to zero, so the offset
+    /// of the counter has no effect.
     fn weigh(&self, halves: [i8; 4]) -> i64 {
         let one =
             |port: PortNumber| i64::from(halves[port.index()]) * self.between(self.entry, port);
@@ -200,11 +204,12 @@ fn minus(one: [i8; 4], other: [i8; 4]) -> [i8; 4] {
 }
 
 impl Way<'_> {
-    /// Finds the next clock above each SubDevice; gives the first in an order in which parents come first.
+    /// Finds the next clock above each SubDevice. Returns the first of an order in which parents
+    /// come first.
     fn place_all(&mut self) -> usize {
         let (mut first, mut last) = (NONE, NONE);
         for i in 0..self.nodes.len() {
-            // Up to what has its place, leaving a trail, and back.
+            // Follow the parents up to one that is placed, leaving a trail, and go back along it.
             let (mut at, mut below) = (i, NONE);
             while self.found[at].work.progress == Progress::Waiting {
                 let work = &mut self.found[at].work;
@@ -262,8 +267,8 @@ impl Way<'_> {
         };
     }
 
-    /// Twice the way from `above` to `i` beyond what the coefficients give: the stays; and what is not known of
-    /// it.
+    /// The part of twice the way from `above` to `i` that the coefficients do not give: the stays,
+    /// and the unknown part.
     fn hop(&self, i: usize, above: &Above) -> Hop {
         let (from, node) = (&self.nodes[above.at], &self.nodes[i]);
         let before = from.before(above.port);
@@ -274,13 +279,14 @@ impl Way<'_> {
         let branch = from.between(before, above.port);
         let mut hop = Hop { uneven, bound, unknown: 0, why: None, alone: false };
         if !self.found[i].work.timed {
-            // All that is known of it: the frame met it on its way through the branch.
+            // Only this is known: the frame met the SubDevice on its way through the branch.
             let why = Why::TimesContradict;
             return Hop { unknown: 1_000 * branch, why: Some(why), alone: true, ..hop };
         }
         let kept = node.between(node.entry, node.last());
         let twice = 1_000 * (branch - kept) + uneven.0;
-        // Each of the two differences may be wrong by a tick, and clocks run at different speeds.
+        // Each of the two differences may be wrong by a tick, and the clocks run at different
+        // speeds.
         let noise = 2 * TICK + bound.0 + speeds(1_000 * branch.max(kept), self.rate_ppb);
         if twice < -noise {
             let by = Nanos((-twice - noise + 999).div_euclid(1_000));
@@ -293,7 +299,7 @@ impl Way<'_> {
         hop
     }
 
-    /// From the reference up to the first clock above it.
+    /// Goes from the reference up to the first clock above it.
     fn go_up(&mut self) {
         let reference = self.reference;
         if !self.found.get(reference).is_some_and(|found| found.work.timed) {
@@ -318,7 +324,7 @@ impl Way<'_> {
         }
     }
 
-    /// From the next clock above to this one, if that one was reached.
+    /// Goes from the next clock above to this SubDevice, if that clock was reached.
     fn go_down(&mut self, i: usize) {
         let work = self.found[i].work;
         if work.progress == Progress::Reached || self.nodes[i].receive_times.is_none() {
@@ -341,38 +347,38 @@ impl Way<'_> {
     }
 }
 
-/// What the coefficients do not give of a way from one clock to the next.
+/// The part of the way from one clock to the next that the coefficients do not give.
 struct Hop {
     uneven: Picos,
     bound: Picos,
-    /// How much of the round trip can't be told, ps.
+    /// The part of the round trip that cannot be determined, ps.
     unknown: i64,
     why: Option<Why>,
-    /// The times of the lower one do not count.
+    /// The times of the lower SubDevice do not count.
     alone: bool,
 }
 
-/// How far a span in ps may be off by the speed of the clock that measured it.
+/// Error of a span in ps from the speed of the clock that measured it.
 fn speeds(span: i64, rate_ppb: u32) -> i64 {
     (i128::from(span.abs()) * i128::from(rate_ppb) / 1_000_000_000) as i64
 }
 
 impl Sum {
-    /// Takes in the receive times of one SubDevice.
+    /// Adds the receive times of one SubDevice.
     fn add(&mut self, node: &Node, halves: [i8; 4], is_reference: bool, rate_ppb: u32) {
         let value = node.weigh(halves);
         self.halves += value;
         self.quarters += halves.iter().map(|half| i64::from(*half).pow(2) as u64).sum::<u64>();
-        // The reference's time is what all others are measured in.
+        // All other times are measured in the reference's time, so that has no error of speed.
         if !is_reference {
             self.systematic += speeds(value, rate_ppb) as u64;
         }
     }
 
-    /// Takes in what the times do not give of a way down (1) or up (-1); `from` is the SubDevice that it
-    /// begins at.
+    /// Adds the part of a way down (1) or up (-1) that the times do not give. The way begins at the
+    /// SubDevice `from`.
     fn cross(&mut self, from: usize, hop: &Hop, sign: i64) {
-        // Nothing is known twice over: what is below an unknown one is unknown because of that one.
+        // The first unknown one on the way is the reason for all behind it.
         self.why = match (self.why, hop.why) {
             (Some(_), _) => Some(Why::Above { at: from }),
             (None, why) => why,
@@ -384,7 +390,7 @@ impl Sum {
 }
 
 impl Found {
-    /// The result, once it was reached.
+    /// Computes the result after the SubDevice was reached.
     fn judge(&mut self, node: &Node, is_reference: bool, rate_ppb: u32) {
         let work = self.work;
         if node.receive_times.is_none() {
@@ -412,12 +418,12 @@ impl Found {
         self.slack = Some(Picos(sum.slack / 2));
     }
 
-    /// Why the latch does not tell the delay; `None`: it does.
+    /// The reason why the latch does not give the delay; `None` if it does.
     pub fn why(&self) -> Option<Why> {
         self.why
     }
 
-    /// The delay by this latch alone; 0 ns and more only within its error.
+    /// The delay by this latch alone. It may be below 0 ns within its error.
     pub fn delay(&self) -> Option<Picos> {
         self.why.is_none().then_some(self.delay)
     }

@@ -1,4 +1,4 @@
-//! Trees by hand: the delays, what is known of them, and why not.
+//! Trees made by hand: the delays, their errors, and the reasons for unknown ones.
 
 use std::vec;
 use std::vec::Vec;
@@ -25,7 +25,7 @@ fn leaf(parent: usize, port: PortNumber) -> Node {
     node(Some((parent, port)), &[0], Some([0x1234_5678, 0, 0, 0]))
 }
 
-/// One latch, from the first SubDevice with receive times.
+/// The result of one latch, with the first SubDevice that has receive times as reference.
 fn results(nodes: &[Node]) -> Vec<Delay> {
     let reference = nodes.iter().position(|node| node.receive_times.is_some()).unwrap_or(0);
     results_from(nodes, reference)
@@ -73,7 +73,7 @@ fn a_leaf_is_half_the_round_trip_away() {
     assert_eq!(delays(&[first, leaf(0, P1)]), [Some(0), Some(720)]);
 }
 
-/// EK1100 and E-bus neighbours as captured: delays 0, 145, 300 ns.
+/// EK1100 and E-bus neighbours as captured: the delays are 0, 145 and 300 ns.
 #[test]
 fn a_line_takes_off_what_lies_behind() {
     let nodes = [
@@ -84,12 +84,12 @@ fn a_line_takes_off_what_lies_behind() {
     assert_eq!(delays(&nodes), [Some(0), Some(145), Some(300)]);
 }
 
-/// Out through 155 ns of processing, back through 135 ns of forwarding, 100 ns of cable: known, the
-/// difference gives the true delays.
+/// Processing takes 155 ns on the way out, forwarding 135 ns on the way back, a cable 100 ns. If
+/// the difference is known, the delays are the true ones.
 #[test]
 fn the_difference_of_the_directions_counts_unless_the_child_is_a_leaf() {
     let mut nodes = [
-        // Through the middle one and back: its own loop of 510 ns, its forwarding, two cables.
+        // A round trip through the middle one: its own loop of 510 ns, its forwarding, two cables.
         node(None, &[0, 1], Some([0, 155 + 100 + 510 + 135 + 100, 0, 0])),
         node(Some((0, P1)), &[0, 1], Some([0, 155 + 100 + 155 + 100, 0, 0])),
         leaf(1, P1),
@@ -101,8 +101,8 @@ fn the_difference_of_the_directions_counts_unless_the_child_is_a_leaf() {
     assert_eq!(delays(&nodes), [Some(0), Some(255), Some(255 + 255)]);
 }
 
-/// Behind port 3 a leaf (round trip 1000), behind port 1 a leaf (round trip 600): to that one the frame goes on
-/// 135 ns after it is back, and is turned round in 155 ns.
+/// A leaf is behind port 3 (round trip 1000) and another behind port 1 (round trip 600). To the
+/// second the frame continues 135 ns after its return, and it is turned round there in 155 ns.
 #[test]
 fn the_second_branch_of_a_fork_begins_with_forwarding() {
     let mut nodes = [node(None, &[0, 1, 3], Some([100, 1700, 0, 1100])), leaf(0, P3), leaf(0, P1)];
@@ -111,7 +111,7 @@ fn the_second_branch_of_a_fork_begins_with_forwarding() {
         node.stay = UNEVEN;
     }
     assert_eq!(delays(&nodes), [Some(0), Some(500), Some(1000 + 290)]);
-    // Another kind of chip turns frames round in 255 ns: 120 ns more than they stayed above.
+    // Another kind of chip turns frames round in 255 ns: 120 ns more than their stay above.
     nodes[2].stay.processing = Picos(255_000);
     assert_eq!(delays(&nodes)[2], Some(1000 + 240));
 }
@@ -122,7 +122,7 @@ fn devices_without_clocks_are_cable_unless_they_branch() {
     let plain = node(Some((0, P1)), &[0, 1], None);
     assert_eq!(delays(&[first, plain, leaf(1, P1)]), [Some(0), None, Some(1000)]);
     assert_eq!(whys(&[first, plain, leaf(1, P1)])[1], Some(Why::NoReceiveTimes));
-    // Cable that is slower on the way out.
+    // The cable is slower on the way out.
     let uneven = Node { stay: UNEVEN, ..plain };
     assert_eq!(delays(&[first, uneven, leaf(1, P1)])[2], Some(1010));
     let branching = node(Some((0, P1)), &[0, 1, 2], None);
@@ -131,7 +131,7 @@ fn devices_without_clocks_are_cable_unless_they_branch() {
     assert_eq!(whys(&nodes)[2], Some(Why::BranchWithoutTimes { at: 1 }));
 }
 
-/// What lies behind an unknown one is unknown by as much, and says because of whom.
+/// Behind an unknown delay all others are unknown by the same amount and name the SubDevice above.
 #[test]
 fn an_unknown_delay_has_bounds_and_hands_them_down() {
     let nodes = [
@@ -166,24 +166,24 @@ fn counters_may_wrap_between_the_ports() {
     }
 }
 
-/// Two differences of two times each are wrong by less than 20 ns.
+/// Two differences of two times each have an error below 20 ns.
 #[test]
 fn a_child_slower_than_its_branch_is_a_contradiction_beyond_noise() {
     let first = node(None, &[0, 1], Some([0, 500, 0, 0]));
     let middle = |kept| node(Some((0, P1)), &[0, 1], Some([0, kept, 0, 0]));
     let nodes = |kept| [first, middle(kept), leaf(1, P1)];
-    // Within noise it is as near as can be, and never before the reference.
+    // Within the noise the delay is the least possible one, and never before the reference.
     assert_eq!(delays(&nodes(520))[1], Some(0));
     assert_eq!(whys(&nodes(521))[1], Some(Why::ShorterThanLoop { above: 0, by: Nanos(1) }));
     assert_eq!(whys(&nodes(521))[2], Some(Why::Above { at: 1 }));
     assert_eq!(results(&nodes(521))[1].or_middle(), Nanos(250), "somewhere in the branch");
-    // Clocks of different speeds excuse more.
+    // Clocks of different speeds allow a larger error.
     let mut found = vec![Found::default(); 3];
     propagation_delays(&nodes(521), 0, 2_000_000, &mut found);
     assert_eq!(found[1].why(), None);
 }
 
-/// A port that was reached before the one visited before it, or never.
+/// A port has an earlier time than the port visited before it, or no time at all.
 #[test]
 fn times_out_of_order_are_no_times() {
     let first = node(None, &[0, 1], Some([0, 2000, 0, 0]));
@@ -199,8 +199,8 @@ fn times_out_of_order_are_no_times() {
     assert_eq!(whys(&[wrong, leaf(0, P1)]), [Some(Why::NoReference); 2]);
 }
 
-/// Cable plugged into port 1: frames come in there, go on 2 → 0, and pass the processing unit on their way
-/// back.
+/// The cable is plugged into port 1: frames enter there, continue 2 → 0, and pass the processing
+/// unit on their way back.
 #[test]
 fn the_entry_port_may_be_another() {
     let swapped = Node { entry: P1, ..node(Some((0, P1)), &[0, 1], Some([1500, 500, 0, 0])) };
@@ -208,12 +208,13 @@ fn the_entry_port_may_be_another() {
     let nodes = [first, swapped, leaf(1, P0)];
     // The entry is 1000 ns away, and the frame is back from the leaf 1000 ns later.
     assert_eq!(delays(&nodes), [Some(0), Some(2000), Some(1500)]);
-    // Out of the swapped one by forwarding, back into it through processing.
+    // A frame leaves the swapped one by forwarding and returns into it through processing.
     let nodes = nodes.map(|node| Node { stay: UNEVEN, ..node });
     assert_eq!(delays(&nodes), [Some(0), Some(2000), Some(1490)]);
 }
 
-/// In processing order a child at port 0 comes first, and may be the reference: ways lead up, too.
+/// In processing order a child at port 0 comes first. It may be the reference, so ways also lead
+/// up.
 #[test]
 fn parents_may_follow_and_the_reference_may_hang_below() {
     let swapped = |parent| Node { parent: Some((parent, P1)), entry: P1, ..leaf(0, P0) };
@@ -221,13 +222,14 @@ fn parents_may_follow_and_the_reference_may_hang_below() {
     let nodes = [Node { parent: Some((2, P0)), ..leaf(0, P0) }, leaf(2, P3), root];
     let expected = [Some(0), Some(1000 + 300 - 500), Some(500)];
     assert_eq!(delays(&nodes), expected);
-    // Without the leaf at its port 0: turned round there.
+    // Without a leaf at its port 0 the frame is turned round there.
     let root = node(None, &[0, 1], Some([0, 900, 0, 0]));
     let end = Node { open: [false, true, false, false], ..swapped(0) };
     assert_eq!(delays(&[root, end]), [Some(0), Some(450)]);
 }
 
-/// The error of one latch, 10 ns / sqrt(12) = 2.887 ns for each time, by the coefficients.
+/// The error of one latch is 10 ns / sqrt(12) = 2.887 ns for each time, weighted by the
+/// coefficients.
 #[test]
 fn quantization_along_a_line_does_not_accumulate() {
     const COUNT: usize = 300;
@@ -241,11 +243,11 @@ fn quantization_along_a_line_does_not_accumulate() {
     let mut nodes: Vec<Node> = (0..COUNT).map(|i| node(parent(i), ports(i), times(i))).collect();
     let (delays, errors) = (delays(&nodes), errors(&nodes));
     assert_eq!(delays[COUNT - 1], Some(500 * 299));
-    // Two halves at the reference; one in the middle has two halves of its own.
+    // The reference contributes two halves; a SubDevice in the middle adds two halves of its own.
     assert_eq!((errors[0], errors[COUNT - 1]), (0, 2_042));
     assert!(errors[1..COUNT - 1].iter().all(|error| *error == 2_887));
 
-    // A wrong difference of 1 ns is half a ns for each hop that does not end in a leaf.
+    // A wrong difference of 1 ns adds half a ns for each hop that does not end in a leaf.
     for node in &mut nodes {
         node.stay.difference_bound = Picos(1_000);
     }
@@ -258,7 +260,7 @@ fn quantization_along_a_line_does_not_accumulate() {
     assert_eq!(delay, Picos(500_000 * 299 + 149_000));
 }
 
-/// Left through the second branch, a fork keeps both times of its first one.
+/// A fork that is left through its second branch contributes both times of its first one.
 #[test]
 fn forks_add_their_part() {
     let fork = |parent: Parent| node(parent, &[0, 1, 3], Some([0, 1600, 0, 1000]));
@@ -283,7 +285,8 @@ fn bounds_of_stays_and_speeds() {
     };
     let same = [first, middle, leaf(1, P1)];
     assert_eq!(systematic(&same, 0), [0, 0, 0], "exactly known");
-    // 100 ppm of the 500 ns that the middle one's counter gives; to the last one it gives nothing.
+    // This is 100 ppm of the 500 ns that the middle one's counter gives; it contributes nothing to
+    // the last one.
     assert_eq!(systematic(&same, 100_000), [0, 50, 0]);
     let mixed = [first, Node { stay: other, ..middle }, leaf(1, P1)];
     assert_eq!(systematic(&mixed, 0), [0, 15_000, 30_000]);
@@ -301,7 +304,7 @@ fn nonsense_is_survived() {
     }
 }
 
-/// A line of three, seen from its end: the same ways.
+/// A line of three, seen from its other end, has the same ways.
 #[test]
 fn the_other_direction() {
     let mut nodes = [
@@ -312,7 +315,7 @@ fn the_other_direction() {
     turn(&mut nodes, 2, P1);
     let ways = nodes.map(|node| (node.parent, node.entry));
     assert_eq!(ways, [(Some((1, P0)), P1), (Some((2, P0)), P1), (None, P1)]);
-    // The nearest is the last to process; the frame reaches it there 2000 ns after its entry.
+    // The nearest one is processed last; the frame reaches its unit 2000 ns after its entry.
     let delay = |i: usize| results_from(&nodes, 0)[i].nanos().unwrap().0;
     assert_eq!([delay(0), delay(1), delay(2)], [0, 550, 1000]);
 }

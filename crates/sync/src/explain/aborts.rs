@@ -4,7 +4,7 @@ use isocat_wire::AbortCode;
 
 use super::{Entry, entry};
 
-/// What a code means; `None` for one that no list of the field has.
+/// The meaning of a code; `None` for a code that no published list contains.
 pub fn explain(code: AbortCode) -> Option<&'static Entry> {
     let at = CODES.binary_search_by_key(&code.0, |(code, _)| *code).ok()?;
     Some(&CODES[at].1)

@@ -4,8 +4,8 @@ use isocat_wire::AlStatusCode;
 
 use super::{Entry, entry};
 
-/// What a code means; `None` for one that no list of the field has. Codes from 0x8000 on are the maker's own:
-/// [`VENDOR`].
+/// The meaning of a code; `None` for a code that no published list contains. Codes from 0x8000 on
+/// belong to the device's maker: [`VENDOR`].
 pub fn explain(code: AlStatusCode) -> Option<&'static Entry> {
     if code.0 >= FIRST_OF_VENDOR {
         return Some(&VENDOR);
@@ -14,10 +14,10 @@ pub fn explain(code: AlStatusCode) -> Option<&'static Entry> {
     Some(&CODES[at].1)
 }
 
-/// The first code that makers may use as they like.
+/// The first code that makers may define themselves.
 pub const FIRST_OF_VENDOR: u16 = 0x8000;
 
-/// What is true of every code of a maker's own.
+/// The explanation that is valid for every maker-specific code.
 pub static VENDOR: Entry = entry(
     "A code of the device's maker: no standard says what it means, and two makers may mean \
      different things by one number. Nobody but the maker's manual can tell.",

@@ -4,7 +4,7 @@ use isocat_wire::dc::AssignActivate;
 
 use super::{Entry, entry};
 
-/// What a word does, by its bits: the number of a bit and its effect, lowest first.
+/// The bits that are set in a word: number and effect, lowest first.
 pub fn bits(word: AssignActivate) -> impl Iterator<Item = (u8, &'static str)> {
     BITS.into_iter().filter(move |(bit, _)| word.0 >> bit & 1 == 1)
 }
@@ -26,7 +26,7 @@ pub fn explain(word: AssignActivate) -> &'static Entry {
     }
 }
 
-/// Words of published device descriptions, the most frequent first.
+/// Words in published device descriptions, the most frequent first.
 pub const KNOWN: [u16; 12] = [
     0x0300, 0x0700, 0x0000, 0x0730, 0x0320, 0x0720, 0x0310, 0x0330, 0x0301, 0x0100, 0x0500, 0x0030,
 ];

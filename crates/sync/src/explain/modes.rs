@@ -3,7 +3,7 @@
 use super::{Entry, entry};
 use crate::SyncMode;
 
-/// What a mode is.
+/// The explanation of a mode.
 pub fn explain(mode: SyncMode) -> &'static Entry {
     match mode {
         SyncMode::FreeRun => &FREE_RUN,

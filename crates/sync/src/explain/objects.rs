@@ -41,8 +41,8 @@ pub fn object(index: u16) -> Option<(&'static str, &'static Entry)> {
     })
 }
 
-/// Name and meaning of one entry; sub-index 0 is that of [`object`]. `None` for one that does not exist or of
-/// which nothing is known.
+/// Name and meaning of one entry; sub-index 0 gives those of [`object`]. `None` if the entry does
+/// not exist or is not described here.
 pub fn sub_index(object: ObjectAddress) -> Option<(&'static str, &'static Entry)> {
     let ObjectAddress { index, sub } = object;
     match (index, sub) {
@@ -73,7 +73,7 @@ pub fn sub_index(object: ObjectAddress) -> Option<(&'static str, &'static Entry)
     }
 }
 
-/// What a bit of sub-index 04 says when it is set, from bit 0 on; bits 6:5 are read together.
+/// Meaning of each set bit of sub-index 04, from bit 0 on; bits 6:5 are read together.
 pub const SUPPORTED_BITS: [&str; 16] = [
     "Free Run",
     "SM-synchronous: with SM2; inputs without outputs with SM3",
@@ -93,7 +93,7 @@ pub const SUPPORTED_BITS: [&str; 16] = [
     "reserved; set in many device descriptions, it means nothing",
 ];
 
-/// Values of sub-index 04 that are common enough for a bare number to be one.
+/// Values of sub-index 04 that are so common that a bare number probably means this sub-index.
 pub const COMMON_SUPPORTED: [u16; 20] = [
     0x0005, 0x0007, 0x000A, 0x000B, 0x000F, 0x0017, 0x001C, 0x001F, 0x0027, 0x040B, 0x0427, 0x0804,
     0x0806, 0x080F, 0x0C07, 0x4001, 0x440B, 0x8007, 0xC003, 0xC007,
@@ -160,7 +160,7 @@ static RESERVED: Entry = entry(
     &["nothing"],
 );
 
-/// Sub-index, its meaning in 0x1C32 and in 0x1C33.
+/// Sub-index, its explanation in 0x1C32, and its explanation in 0x1C33.
 static SUBS: [(u8, Entry, Entry); 19] = [
     (sub::SYNC_TYPE, SYNC_TYPE_OUT, SYNC_TYPE_IN),
     (sub::CYCLE_TIME, CYCLE_TIME, CYCLE_TIME),

@@ -2,16 +2,16 @@
 
 use super::{Entry, entry};
 
-/// One register, or a row of equal ones.
+/// One register, or an array of equal ones.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct RegisterEntry {
     /// First address.
     pub address: u16,
-    /// Bytes.
+    /// Length in bytes.
     pub length: u16,
-    /// What it is called.
+    /// The name of the register.
     pub name: &'static str,
-    /// What it means.
+    /// The explanation.
     pub entry: Entry,
 }
 
@@ -34,7 +34,7 @@ const fn register(
     RegisterEntry { address, length, name, entry: entry(means, causes, read, change) }
 }
 
-/// By ascending address.
+/// The registers by ascending address.
 pub(crate) static REGISTERS: [RegisterEntry; 30] = [
     register(
         0x0008,

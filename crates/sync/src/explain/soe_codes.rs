@@ -4,11 +4,12 @@ use isocat_wire::soe::ErrorCode;
 
 use super::{Entry, entry};
 
-/// What a code means; `None` for one that no list of the field has.
+/// The meaning of a code; `None` for a code that no published list contains.
 pub fn explain(code: ErrorCode) -> Option<&'static Entry> {
     code.meaning()?;
     let special = SPECIAL.iter().find(|(known, _)| *known == code);
-    // Codes x001 to x005 say the same of each element: name, attribute, unit, minimum, maximum, value, default.
+    // Codes x001 to x005 mean the same for each element: name, attribute, unit, minimum, maximum,
+    // value, default.
     let of_element = || match code.0 & 0x0FFF {
         1 => Some(&ABSENT),
         2 => Some(&TOO_SHORT),
@@ -28,7 +29,7 @@ static ABSENT: Entry = entry(
     &["read the value (element 0x40) alone"],
 );
 
-/// Fewer bytes than the element has.
+/// Fewer bytes arrived than the element has.
 static TOO_SHORT: Entry = entry(
     "Fewer bytes came than the element has.",
     &[
@@ -40,7 +41,7 @@ static TOO_SHORT: Entry = entry(
     &["send as many bytes as the attribute says"],
 );
 
-/// More bytes than the element has.
+/// More bytes arrived than the element has.
 static TOO_LONG: Entry = entry(
     "More bytes came than the element has room for.",
     &["a value of another length than the attribute says", "a list longer than its maximum"],
@@ -48,7 +49,7 @@ static TOO_LONG: Entry = entry(
     &["send as many bytes as the attribute says"],
 );
 
-/// Never written.
+/// The element can never be written.
 static READ_ONLY: Entry = entry(
     "The element can't be written at all.",
     &["a measured value, or one that the drive computes", "an element other than the value"],
@@ -56,7 +57,7 @@ static READ_ONLY: Entry = entry(
     &["leave it out of the start-up list"],
 );
 
-/// Not written at present.
+/// The element cannot be written at present.
 static PROTECTED: Entry = entry(
     "The element can't be written in the present state.",
     &["communication parameters can be written in PREOP alone", "the drive is under power"],

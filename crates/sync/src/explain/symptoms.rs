@@ -1,20 +1,20 @@
-//! What people see before they have a code: "lost sync", "wkc", "stuck in SAFEOP".
+//! Symptoms that users see before they have a code: "lost sync", "wkc", "stuck in SAFEOP".
 
 use super::{Entry, entry};
 
-/// A symptom, its name first, and what else people call it: all in lower case, words apart by one
-/// space.
+/// A symptom with its name and its other names. All are in lower case, with one space between
+/// words.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Symptom {
-    /// What it is called here.
+    /// The name of the symptom in this project.
     pub name: &'static str,
-    /// Other words for it.
+    /// Other names for it.
     pub aliases: &'static [&'static str],
-    /// What is behind it.
+    /// The explanation.
     pub entry: Entry,
 }
 
-/// The symptom with this name. Case and signs between words make no difference.
+/// The symptom with this name. Case, and signs between words, are ignored.
 pub fn find(words: &str) -> Option<&'static Symptom> {
     let same = |name: &str| letters(words).eq(letters(name));
     SYMPTOMS

@@ -1,4 +1,4 @@
-//! Nothing that can be met lacks its explanation, and each has the parts that help.
+//! Every code that can occur has its explanation, and each explanation has the parts that help.
 
 use isocat_wire::soe::ErrorCode;
 use isocat_wire::{AbortCode, AlStatusCode, ObjectAddress};
@@ -9,7 +9,7 @@ use crate::SyncMode;
 use crate::object::{INPUT_PARAMETER, OUTPUT_PARAMETER};
 use crate::table::SUBS;
 
-/// What is worth saying is a sentence, and what to do is said too.
+/// Checks that the meaning is a sentence, and that there is advice.
 fn complete(entry: &Entry, what: &str) {
     assert!(entry.means.ends_with(['.', ')']), "{what}: {}", entry.means);
     assert!(!entry.read.is_empty() && !entry.change.is_empty(), "{what}");

@@ -1,4 +1,5 @@
-//! The arithmetic against figures of the field, against a walk along the pulses, and against any input.
+//! The arithmetic is tested against figures of real devices, against a walk along the pulses, and
+//! with any input.
 
 use proptest::prelude::*;
 use std::string::{String, ToString};
@@ -6,7 +7,8 @@ use std::vec::Vec;
 
 use super::*;
 
-/// An OpMode in a line: AssignActivate, SYNC0 value and factor, shift, SYNC1 value and factor, shift.
+/// An OpMode in one line: AssignActivate, SYNC0 value and factor, shift, SYNC1 value and factor,
+/// shift.
 fn op_mode(
     word: u16,
     (value0, factor0): (i64, i32),
@@ -146,7 +148,7 @@ fn figures_of_the_field() {
     }
 }
 
-/// Each doubt, by an OpMode that has it and one beside it that has not.
+/// Each doubt is tested with an OpMode that has it and with a similar one that does not.
 #[test]
 fn every_doubt_has_its_name() {
     let at =
@@ -160,7 +162,7 @@ fn every_doubt_has_its_name() {
     assert_eq!(at(9_990, sync0(0, 1)), ["below-least"]);
     assert_eq!(at(ms, sync0(0, -3)), ["broken-part", "sync0-off-bus", "off-tick"]);
     assert_eq!(at(900_000, sync0(0, -3)), ["faster-than-bus"]);
-    // Fixed at 250 us: good for 1 ms, 250 us and 125 us (slower), not for 300 us.
+    // Fixed at 250 us: good for 1 ms, 250 us and 125 us (slower than the bus), not for 300 us.
     assert_eq!(at(300_000, sync0(250_000, 0)), ["fixed-sync0"]);
     assert_eq!(at(250_000, sync0(250_000, 0)), [""; 0]);
     assert_eq!(at(125_000, sync0(250_000, 0)), ["slower-than-bus"]);
@@ -221,12 +223,12 @@ fn what_no_register_holds_is_refused() {
     for bus in [0, -1, i64::MIN, 1 << 32] {
         assert_eq!(refused(shifted, bus), Err(Problem::BusCycle(Nanos(bus))));
     }
-    // A part below one nanosecond is no cycle.
+    // A part below one nanosecond is not a cycle.
     let fine = op_mode(0x0300, (0, -1_000), 0, (0, 0), 0);
     assert_eq!(refused(fine, 999), Err(Problem::Register { register: 0x09A0, value: 0 }));
 }
 
-/// The instants of SYNC1, walked along by the ESC's rule and nothing else.
+/// The instants of SYNC1, computed step by step by the ESC's rule alone.
 fn walk(sync0: u64, sync1: u64, pulses: usize) -> Vec<u64> {
     let mut instants = Vec::new();
     let mut follows = 0;
@@ -278,7 +280,7 @@ fn any_op_mode() -> impl Strategy<Value = OpMode> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2_000))]
 
-    /// Whatever a file says: registers or a reason, and every warning has words.
+    /// Any file gives registers or a reason, and every warning has words.
     #[test]
     fn no_input_panics(
         op_mode in any_op_mode(),

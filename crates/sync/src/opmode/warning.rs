@@ -1,25 +1,26 @@
-//! What is doubtful in an OpMode, by name.
+//! The doubts about an OpMode, by name.
 
 use core::fmt;
 
 use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
-/// A doubt about an OpMode at one bus cycle. The registers are those of the answer that the text names.
+/// A doubt about an OpMode at one bus cycle. The registers are those of the answer that the text
+/// describes.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[expect(missing_docs, reason = "fields are the figures that the text prints")]
 pub enum Warning {
     /// The OpMode leaves the SYNC unit off.
     SyncOff,
-    /// SYNC0 or SYNC1 is asked for, and the unit is not switched on.
+    /// SYNC0 or SYNC1 is requested, but the unit is not switched on.
     NotActivated { word: AssignActivate },
-    /// The unit is switched on and makes no pulse: for time stamps.
+    /// The unit is switched on but generates no pulse: it serves time stamps.
     NoPulses { word: AssignActivate },
-    /// The device has a system time and no SYNC unit.
+    /// The device has a system time but no SYNC unit.
     ClockOnly,
     /// The SYNC unit belongs to the PDI.
     UnitAtPdi,
-    /// Bits of AssignActivate that mean nothing are set.
+    /// Bits of AssignActivate without a meaning are set.
     ReservedBits { word: AssignActivate },
     /// CycleTimeSync0 is missing, or 0 without a factor.
     Sync0Undefined,
@@ -27,39 +28,39 @@ pub enum Warning {
     NegativeSync0 { value: i64 },
     /// CycleTimeSync0 has both a time and a factor.
     Sync0ValueAndFactor { value: i64, factor: i32 },
-    /// SYNC0 is faster than what is known of any device, or of this one.
+    /// SYNC0 is faster than that of any known device, or than this device supports.
     BelowLeast { cycle: Nanos, least: Nanos },
-    /// The bus cycle can't be divided into so many whole nanoseconds.
+    /// The bus cycle cannot be divided into this many whole nanoseconds.
     BrokenPart { bus: Nanos, parts: u32 },
-    /// A fixed SYNC0 cycle that fits other bus cycles only.
+    /// The SYNC0 cycle is fixed and fits other bus cycles only.
     FixedSync0 { cycle: Nanos, bus: Nanos },
-    /// A SYNC0 cycle that does not go into the bus cycle, nor the bus cycle into it.
+    /// Neither the SYNC0 cycle nor the bus cycle is a multiple of the other.
     Sync0OffBus { cycle: Nanos, bus: Nanos },
     /// The device runs slower than the bus.
     SlowerThanBus { times: u32 },
-    /// The device runs faster than the bus, and no SYNC1 marks the bus cycle.
+    /// The device runs faster than the bus, but no SYNC1 marks the bus cycle.
     FasterThanBus { times: u32 },
-    /// The pulses repeat out of step with the bus cycle.
+    /// The period of the pulses does not match the bus cycle.
     PeriodOffBus { period: Nanos, bus: Nanos },
-    /// Times for SYNC1 are given, and SYNC1 is off.
+    /// Times for SYNC1 are given, but SYNC1 is off.
     Sync1Unused,
-    /// SYNC1 is asked for without SYNC0.
+    /// SYNC1 is requested without SYNC0.
     Sync1Alone,
-    /// CycleTimeSync1 is missing, or 0 without a factor, and SYNC1 is on.
+    /// CycleTimeSync1 is missing, or 0 without a factor, although SYNC1 is on.
     Sync1Undefined,
     /// CycleTimeSync1 is below 0.
     NegativeSync1 { value: i64 },
     /// CycleTimeSync1 has both a time and a factor.
     Sync1ValueAndFactor { value: i64, factor: i32 },
-    /// A fixed CycleTimeSync1 and a ShiftTimeSync1.
+    /// Both a fixed CycleTimeSync1 and a ShiftTimeSync1 are given.
     Sync1FixedAndShift { value: i64, shift: i64 },
     /// SYNC1 would have to come before the SYNC0 that it follows.
     Sync1BeforeSync0 { by: Nanos },
-    /// The ESC makes SYNC1 at another period than the file asks for.
+    /// The ESC generates SYNC1 with another period than the file asks for.
     Sync1Period { wanted: Nanos, found: Nanos },
     /// SYNC1 falls on SYNC0.
     PulsesCoincide,
-    /// A time is no multiple of the ESC's step of 10 ns.
+    /// A time is not a multiple of the ESC's step of 10 ns.
     OffTick,
     /// The shift is longer than the cycle.
     LongShift { shift: Nanos, phase: Nanos },
@@ -210,7 +211,7 @@ impl fmt::Display for Warning {
     }
 }
 
-/// The warnings of one OpMode, in the order in which they came up.
+/// The warnings of one OpMode, in the order in which they were found.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Warnings {
     list: [Option<Warning>; MOST],
@@ -227,12 +228,12 @@ impl Warnings {
         self.list.iter().copied().flatten()
     }
 
-    /// There are none.
+    /// Whether there are no warnings.
     pub fn is_empty(&self) -> bool {
         self.list[0].is_none()
     }
 }
 
-/// Room for every doubt that one OpMode can have at once: reserved bits, unit at the PDI, three of SYNC0,
-/// four of SYNC1, four of how they lie, and some to spare.
+/// Enough for every doubt that one OpMode can have at once: reserved bits, unit at the PDI, three
+/// of SYNC0, four of SYNC1, four of their positions, and some spare.
 const MOST: usize = 16;

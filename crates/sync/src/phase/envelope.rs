@@ -1,38 +1,40 @@
-//! The line under pairs whose stamps are early: it touches those of frames that left at once.
+//! The line under pairs whose stamps are early; it touches those of frames that left at once.
 //!
-//! Of all lines that have no pair below them it is the one to which the pairs are nearest in sum: the edge
-//! of their lower hull above the middle of the time they span. For noise as of frames that are held up
-//! (most of them shortly, any of them long) that is the best estimate there is, and its error falls with
-//! the number of pairs, not with its root.
+//! Of all lines that have no pair below them it is the one with the least sum of distances to the
+//! pairs: the edge of their lower hull above the middle of the time they span. For the noise of
+//! delayed frames (most of them short, some of any length) that is the best estimate there is. Its
+//! error falls with the number of pairs, not with the root of that number.
 //!
-//! [`POINTS`] points are kept, each the lowest of a number of pairs in a row. While the memory grows,
-//! neighbours are merged when there is no room; when it is as long as the bandwidth asks for, the oldest
-//! point goes. A lower pair moves the line at once. A line that has become too low shows in pairs that all stay
-//! above it by more than their number allows: then the points before them are forgotten.
+//! [`POINTS`] points are kept, each the lowest of several pairs in a row. While the memory grows,
+//! neighbours are merged when all points are used. When the memory is as long as the bandwidth asks
+//! for, the oldest point is dropped. A lower pair moves the line at once. A line that has become
+//! too low shows in pairs that all stay above it for longer than chance allows; then the points
+//! before them are dropped.
 
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
 use super::line::{Line, RATE_LIMIT};
 use super::servo::Uncertainty;
 
-/// The points and what is known of the pairs behind them.
+/// The points, and statistics of the pairs behind them.
 #[derive(Clone, Debug)]
 pub(super) struct Envelope {
-    /// Oldest first; `len` of them count.
+    /// The first `len` points are valid, oldest first.
     points: [Point; POINTS],
     len: usize,
-    /// Pairs that each point stands for.
+    /// Number of pairs that each point stands for.
     pairs_each: u32,
-    /// The lowest of the newest pairs, and their number.
+    /// The lowest of the newest pairs, and the number of these.
     newest: Option<Point>,
     newest_pairs: u32,
-    /// All pairs since it began.
+    /// Number of pairs since the start.
     samples: u32,
     /// Mean height of the pairs above the line, ns.
     height: f64,
-    /// How much lower the line was when the points before were forgotten; 0: they were not, or that is settled.
+    /// How much the line rose when the points before were dropped; 0 if they were not, or if that
+    /// has proved wrong.
     raised: f64,
-    /// How much more surprising it must be than with exponential heights.
+    /// How much more surprising pairs must be than with exponential heights.
     caution: f64,
 }
 
@@ -58,8 +60,8 @@ impl Envelope {
         }
     }
 
-    /// Takes a pair; the line through it and those before. `window` is the memory in samples, `noise` what the
-    /// height of pairs is as a rule, ns.
+    /// Adds a pair and returns the new line. `window` is the memory in samples, `noise` the usual
+    /// height of pairs, ns.
     pub fn sample(
         &mut self,
         line: &Line,
@@ -70,11 +72,11 @@ impl Envelope {
         self.samples = self.samples.saturating_add(1);
         let error = line.error(host, dc);
         let weight = (1.0 / f64::from(self.samples)).max(1.0 / f64::from(window.max(1)));
-        // One that was held up for long says nothing about the others.
+        // A frame with a long delay tells nothing about the others.
         let most = 8.0 * noise.0 as f64;
         self.height += weight * (error.clamp(0.0, most) - self.height);
         if self.raised > 0.0 && error < -self.raised / 2.0 {
-            // So what was forgotten was not over: on this host few frames leave at once.
+            // So the dropped points were still valid: on this host few frames leave at once.
             (self.raised, self.caution) = (0.0, (2.0 * self.caution).min(MOST_CAUTION));
         }
         let point = Point { host, dc };
@@ -93,16 +95,16 @@ impl Envelope {
         self.fit(line, point)
     }
 
-    /// Pairs that the line has.
+    /// Number of pairs of the line.
     pub fn samples(&self) -> u32 {
         self.samples
     }
 
-    /// How well the line is known; `None` for fewer than [`FEWEST`] pairs.
+    /// The error of the line; `None` for fewer than [`FEWEST`] pairs.
     ///
-    /// The factors are of this estimator on exponential heights, found by trial (see the tests): a phase at the
-    /// end of n pairs is off by some four n-ths of the mean height, a rate by some eight of them in the
-    /// time they span.
+    /// The factors hold for this estimator on exponential heights and were found by trial (see the
+    /// tests). After n pairs the phase has an error of some four n-ths of the mean height, and the
+    /// rate an error of some eight n-ths of it in the time they span.
     pub fn uncertainty(&self) -> Option<Uncertainty> {
         let pairs = self.len as f64 * f64::from(self.pairs_each);
         let points = &self.points[..self.len];
@@ -115,7 +117,7 @@ impl Envelope {
         Some(Uncertainty { phase_ns, rate_ppb: RATE_FACTOR * share / span.0 as f64 * 1e9 })
     }
 
-    /// The newest pairs become a point.
+    /// Makes the newest pairs a point.
     fn store(&mut self, line: &Line, window: u32) {
         let Some(point) = self.newest.take() else { return };
         self.newest_pairs = 0;
@@ -137,13 +139,14 @@ impl Envelope {
         self.len += 1;
     }
 
-    /// If the newest pairs all stay above the line by more than chance allows, those before them tell of a
-    /// time that is over. If those in the middle do, the line is a chord of a curve, and the oldest are too old.
+    /// Drops points that are no longer valid. If the newest pairs all stay above the line for
+    /// longer than chance allows, the points before them are outdated. If those in the middle do,
+    /// the line is a chord of a curve, and the oldest points are outdated.
     fn forget_what_is_over(&mut self, line: &Line, noise: Nanos) {
         if self.len < 8 {
             return;
         }
-        // What is measured counts once there is enough of it; it may be more than was set.
+        // The measured height is used once there are enough pairs; it may exceed the setting.
         let known = self.samples >= HEIGHT_KNOWN;
         let noise = if known { self.height } else { self.height.max(noise.0 as f64) };
         let most = |points: usize| {
@@ -168,7 +171,7 @@ impl Envelope {
         }
     }
 
-    /// Keeps the newest points.
+    /// Keeps only the newest points.
     fn keep(&mut self, newest: usize) {
         self.points.copy_within(self.len - newest..self.len, 0);
         self.len = newest;
@@ -179,7 +182,7 @@ impl Envelope {
         let Some(first) = self.points[..self.len].first() else { return *line };
         let middle = (newest.host - first.host).0 / 2;
         let points = || self.points[..self.len].iter().chain(Some(&newest));
-        // Against the line as it was: small numbers, which floats hold exactly.
+        // Relative to the old line the numbers are small, so floats hold them exactly.
         let x = |point: &Point| (point.host - first.host).0 as f64;
         let y = |point: &Point| line.error(point.host, point.dc);
         let mut rate = 0.0;
@@ -205,22 +208,24 @@ impl Envelope {
     }
 }
 
-/// Points kept.
+/// Number of points kept.
 const POINTS: usize = 128;
-/// Most rounds of looking for the two points that carry the line: two or three do as a rule.
+/// Most iterations to find the two points that carry the line; two or three are usual.
 const MOST_TURNS: usize = 8;
-/// Pairs from which on the uncertainty means something.
+/// Pairs from which on the uncertainty has a meaning.
 const FEWEST: u32 = 8;
-/// How surprising it must be that pairs all stay above the line: the probability is e to the minus this. At
-/// once a millisecond that happens once in ten minutes, and costs a line of fewer points for a while.
+/// How surprising it must be that pairs all stay above the line: the probability is e to the minus
+/// this. With one pair per millisecond that happens by chance once in ten minutes; for a while the
+/// line then has fewer points.
 const SURPRISE: f64 = 16.0;
-/// So many pairs must stay above the line, whatever their heights: one frame of a few may be held up for long.
+/// Fewest pairs that must stay above the line, whatever their heights: one frame of a few may have
+/// a long delay.
 const FEWEST_HIGH: f64 = 8.0;
-/// Most that [`Envelope::caution`] may become.
+/// Largest value of [`Envelope::caution`].
 const MOST_CAUTION: f64 = 64.0;
-/// Pairs from which on their mean height counts more than what was set.
+/// Pairs from which on their mean height replaces the setting.
 const HEIGHT_KNOWN: u32 = 256;
-/// What the tick of the clock adds, ns.
+/// The part of the tick of the clock, ns.
 const GRAIN: f64 = 20.0;
 /// Mean height from the tick alone, ns.
 const LEAST_HEIGHT: f64 = 5.0;

@@ -1,79 +1,80 @@
 //! External time: pairs of stamps, and the line through them.
 //!
-//! Two kinds of pairs are known. A bridge between two segments stamps both system times at once and shows
-//! them in object 0x10F4 ([`BridgeStatus`]). A network card with a hardware clock (PTP) is read between two readings
-//! of the host's clock. Both become pairs of host time and external time and go through the filter that
-//! serves the reference clock, a [`Servo`].
+//! There are two kinds of pairs. A bridge between two segments stamps both system times at once and
+//! shows them in object 0x10F4 ([`BridgeStatus`]). A network card with a hardware clock (PTP) is
+//! read between two readings of the host's clock. Both become pairs of host time and external time
+//! and go through a [`Servo`], the filter that also serves the reference clock.
 
 use isocat_wire::time::{Dc, External, Host, Nanos, Time};
 
 use super::servo::{Servo, State};
 use super::settings::Settings;
 
-/// What pairs of external time are like.
+/// The properties of the pairs of external time.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Source {
-    /// From one pair to the next, above zero. Bridges: 0x10F5:11.
+    /// Time from one pair to the next, above zero. Bridges: 0x10F5:11.
     pub interval: Nanos,
-    /// Standard deviation of a stamp. A bridge has the 10 ns of its clocks, twice; a hardware clock the part of a read
-    /// that varies.
+    /// Standard deviation of a stamp. A bridge has the 10 ns of its clocks, twice; a hardware clock
+    /// has the variable part of the reading time.
     pub noise: Nanos,
-    /// Readings of a hardware clock that took longer are not used.
+    /// Readings of a hardware clock that take longer are not used.
     pub longest_read: Nanos,
 }
 
 impl Default for Source {
-    /// A pair every 10 ms, good to 100 ns, read within 20 us.
+    /// A pair every 10 ms, with a noise of 100 ns, read within 20 us.
     fn default() -> Self {
         Self { interval: Nanos::millis(10), noise: Nanos(100), longest_read: Nanos::micros(20) }
     }
 }
 
-/// Stamps of one instant, or nearly.
+/// Stamps of the same instant, or nearly so.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Stamps {
-    /// Of a bridge, in both its segments: 0x10F4:11 and 0x10F4:12.
+    /// Stamps of a bridge, one for each of its segments: 0x10F4:11 and 0x10F4:12.
     Bridge {
         /// System time of this segment.
         internal: Time<Dc>,
-        /// The other's, in units of system time.
+        /// System time of the other segment, in its units.
         external: Time<External>,
     },
     /// A hardware clock of the host, read between two readings of the host's clock.
     Hardware {
-        /// Before.
+        /// Host time before the reading.
         before: Time<Host>,
         /// The hardware clock.
         external: Time<External>,
-        /// After.
+        /// Host time after the reading.
         after: Time<Host>,
     },
 }
 
-/// Object 0x10F4 "External Synchronization Status", as one complete access gives it: 24 bytes.
+/// Object 0x10F4 "External Synchronization Status" as read by complete access: 24 bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct BridgeStatus {
-    /// Sub-index 01: 0 none, 1 the other side follows this segment, 2 this segment is to follow.
+    /// Sub-index 01: 0 none, 1 the other segment follows this one, 2 this segment is to follow.
     pub mode: u8,
     /// Sub-index 0E: changes with each new control value.
     pub control_toggle: bool,
     /// Sub-index 0F: changes with each new pair of stamps.
     pub stamp_toggle: bool,
-    /// Sub-index 10: nobody is at the other side, or the stamps are not valid.
+    /// Sub-index 10: the other side is not connected, or the stamps are not valid.
     pub invalid: bool,
     /// Sub-index 11: system time of this segment.
     pub internal: Time<Dc>,
     /// Sub-index 12: external time in units of system time.
     pub external: Time<External>,
-    /// Sub-index 13: how often 0x0910 is to be written higher (above zero) or lower than the clock is.
+    /// Sub-index 13: how often 0x0910 must be written with a higher (above zero) or lower time than
+    /// the clock's.
     pub control: i32,
 }
 
 impl BridgeStatus {
-    /// Bytes of the object.
+    /// Length of the object in bytes.
     pub const LEN: usize = 24;
 
-    /// Reads the object; every image is one.
+    /// Reads the object; all byte values are valid.
     pub fn parse(bytes: &[u8; Self::LEN]) -> Self {
         let flags = bytes[3];
         let time = |at: usize| {
@@ -91,8 +92,8 @@ impl BridgeStatus {
         }
     }
 
-    /// The stamps, if they are valid, this segment is to follow, and they are newer than those that came with
-    /// `last_toggle` (`None`: there were none).
+    /// The stamps, if they are valid, this segment is to follow, and they are newer than those that
+    /// came with `last_toggle` (`None`: there were none).
     pub fn stamps(&self, last_toggle: Option<bool>) -> Option<Stamps> {
         let new = last_toggle != Some(self.stamp_toggle);
         let Self { internal, external, .. } = *self;
@@ -108,7 +109,7 @@ const SYNC_SLAVE: u8 = 2;
 #[derive(Clone, Debug)]
 pub(super) struct Filter {
     source: Source,
-    /// Its system time is the external time.
+    /// A servo whose system time is the external time.
     line: Servo,
 }
 
@@ -117,8 +118,9 @@ impl Filter {
     pub fn new(source: Source) -> Self {
         let exact = Settings::new(source.interval, Nanos::ZERO);
         let noise = Nanos(source.noise.0.max(0));
-        // Three pairs in a hundred are beyond three deviations of a noise without sides; slower than the
-        // host's own loop, since what leads must be smooth.
+        // The lock threshold is four deviations: of normal noise three pairs in a thousand lie
+        // beyond three. The loop is slower than the host's own, since a leading clock must be
+        // smooth.
         let settings = Settings {
             bandwidth_hz: 0.5,
             lock_threshold: exact.lock_threshold.max(Nanos(noise.0.saturating_mul(4))),
@@ -129,7 +131,7 @@ impl Filter {
         Self { source, line: Servo::new(settings) }
     }
 
-    /// Takes stamps; `servo` is the host's, and tells when a system time was.
+    /// Adds stamps; `servo` is the host's and converts system time to host time.
     pub fn sample(&mut self, stamps: Stamps, servo: &Servo) {
         let (host, external) = match stamps {
             Stamps::Bridge { internal, external } => {
@@ -149,13 +151,13 @@ impl Filter {
         self.line.sample(host, Time::new(external.count()));
     }
 
-    /// Tells the time, so that missing pairs are noticed.
+    /// Advances the time, so that missing pairs are noticed.
     pub fn handle_timeout(&mut self, now: Time<Host>) {
         self.line.handle_timeout(now);
     }
 
-    /// External time at `host`, its fraction of a nanosecond, and how much faster it runs than the host's; `None`
-    /// unless it is locked.
+    /// The external time at `host`, its fraction of a nanosecond, and its rate relative to the
+    /// host's clock; `None` unless it is locked.
     pub fn at(&self, host: Time<Host>) -> Option<(u64, f64, f64)> {
         let line = self.line.line();
         let (time, fraction) = line.at(host);

@@ -1,4 +1,4 @@
-//! The line through pairs whose noise has no side: an alpha-beta filter with growing memory.
+//! The line through pairs with symmetric noise: an alpha-beta filter with growing memory.
 
 use isocat_wire::time::{Host, Nanos, Time};
 
@@ -12,7 +12,7 @@ pub(super) struct LeastSquares {
     alpha: f64,
     beta: f64,
     interval: f64,
-    /// Mean square of what samples are off the line, ns².
+    /// Mean square of the distances of samples from the line, ns².
     square: f64,
     /// Whether the last sample was surprisingly late (1) or early (-1).
     surprise: i8,
@@ -31,14 +31,15 @@ impl LeastSquares {
         self.samples = self.samples.saturating_add(1).max(2);
         self.interval = interval.0 as f64;
         self.forget_if_surprised(error);
-        // Weights of the least-squares line through the samples so far, until the bandwidth asks for
-        // more. Critically damped: alpha = 2·w·T, beta = (w·T)².
+        // These are the weights of the least-squares line through the samples so far, until the
+        // bandwidth asks for larger ones. Critically damped: alpha = 2·w·T, beta = (w·T)².
         let n = f64::from(self.samples);
         let w = (2.0 * core::f64::consts::PI * bandwidth_hz * self.interval / 1e9).min(0.5);
         self.alpha = (2.0 * (2.0 * n - 1.0) / (n * (n + 1.0))).max(2.0 * w).min(1.0);
         self.beta = (6.0 / (n * (n + 1.0))).max(w * w).min(1.0);
-        // Two points always have a line; the third is the first to be off it. What is off a line that was
-        // made without it is more than the noise by its share of the line's own error.
+        // Two points always lie on a line, so the third is the first with an error. The error
+        // against a line that was fitted without the sample exceeds the noise by the line's own
+        // error.
         if self.samples > 2 {
             let weight = (1.0 / (n - 2.0)).max(1.0 / NOISE_MEMORY);
             let square = error * error * (1.0 - self.alpha);
@@ -49,12 +50,13 @@ impl LeastSquares {
         line
     }
 
-    /// Two samples in a row that are off to the same side by far more than the noise: the rate has changed, and
-    /// what was before tells nothing. The line goes through both and begins to learn again.
+    /// Restarts the fit after two samples in a row that are off to the same side by far more than
+    /// the noise: the rate has changed, and earlier samples are useless. The line goes through both
+    /// and learns again.
     fn forget_if_surprised(&mut self, error: f64) {
         let most = match error.abs() > GRAIN {
             true => GRAIN + SURPRISE * root(self.square),
-            // Most samples: no noise is needed to see that they are none.
+            // For most samples this is enough to see that they are no surprise.
             false => GRAIN,
         };
         let surprise = i8::from(error > most) - i8::from(error < -most);
@@ -64,20 +66,21 @@ impl LeastSquares {
         self.surprise = surprise;
     }
 
-    /// Samples that the line has.
+    /// Number of samples of the line.
     pub fn samples(&self) -> u32 {
         self.samples
     }
 
-    /// How well the line is known; `None` for fewer than three samples.
+    /// The error of the line; `None` for fewer than three samples.
     ///
-    /// With the weights of a least-squares fit the variances are those of its end point and its slope, alpha
-    /// and 12 / (n³ T²) of the noise; with constant weights those of an alpha-beta filter in white noise.
+    /// With the weights of a least-squares fit the variances are those of its end point and its
+    /// slope: alpha and 12 / (n³ T²) times that of the noise. With constant weights they are those
+    /// of an alpha-beta filter in white noise.
     pub fn uncertainty(&self) -> Option<Uncertainty> {
         if self.samples < 3 {
             return None;
         }
-        // The grain of the clocks is there even if a few samples agree to the nanosecond.
+        // The grain of the clocks remains even if a few samples agree to the nanosecond.
         let noise = root(self.square).max(LEAST_NOISE);
         let (a, b, n) = (self.alpha, self.beta, f64::from(self.samples));
         let grows = b <= 6.0 / (n * (n + 1.0)) * 1.000_001;
@@ -93,13 +96,13 @@ impl LeastSquares {
     }
 }
 
-/// Samples from which on the noise is known.
+/// Samples after which the noise is known.
 const KNOWN: u32 = 16;
-/// What the tick adds to a surprise, ns.
+/// The part of the tick in a surprise, ns.
 const GRAIN: f64 = 20.0;
 /// Standard deviations that a sample must be off to be a surprise.
 const SURPRISE: f64 = 5.0;
-/// Samples that the noise is averaged over.
+/// Number of samples over which the noise is averaged.
 const NOISE_MEMORY: f64 = 64.0;
-/// Noise of a clock that counts in ticks of 10 ns, ns: 10 / sqrt(12).
+/// Noise of a clock with ticks of 10 ns, ns: 10 / sqrt(12).
 const LEAST_NOISE: f64 = 2.9;

@@ -1,15 +1,15 @@
-//! A line: which system time belongs to which host time.
+//! A line that maps host time to system time.
 
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
 /// A point and a rate.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Line {
-    /// A point of the line, system time as of `host`, with its fraction of a nanosecond.
+    /// A point of the line: the system time at `host`, with its fraction of a nanosecond.
     pub host: Time<Host>,
     pub dc: Time<Dc>,
     pub fraction: f64,
-    /// System time runs faster than host time by this part.
+    /// Relative rate: how much faster system time runs than host time.
     pub rate: f64,
 }
 
@@ -22,19 +22,19 @@ impl Line {
         (self.dc + elapsed + Nanos(whole), correction - whole as f64)
     }
 
-    /// How much later than the line `dc` is at `host`, ns.
+    /// The distance of `dc` from the line at `host`, positive if `dc` is later, ns.
     pub fn error(&self, host: Time<Host>, dc: Time<Dc>) -> f64 {
         let (expected, fraction) = self.at(host);
         (dc - expected).0 as f64 - fraction
     }
 
-    /// The host time at which the line is at `dc`.
+    /// The host time at which the line reaches `dc`.
     pub fn when(&self, dc: Time<Dc>) -> Time<Host> {
         let ahead = (dc - self.dc).0 as f64 - self.fraction;
         self.host + Nanos(round(ahead / (1.0 + self.rate)))
     }
 
-    /// The same line from the point at `host` on, moved by `correction` ns.
+    /// The same line with its point at `host`, moved by `correction` ns.
     pub fn moved(&self, host: Time<Host>, correction: f64) -> Self {
         let (dc, fraction) = self.at(host);
         let correction = fraction + correction;
@@ -43,15 +43,15 @@ impl Line {
     }
 }
 
-/// To the nearest whole number; `f64::round` needs std.
+/// Rounds to the nearest whole number; `f64::round` needs std.
 pub(super) fn round(value: f64) -> i64 {
     (if value < 0.0 { value - 0.5 } else { value + 0.5 }) as i64
 }
 
-/// The root to a thousandth, up to four million; `f64::sqrt` needs std.
+/// Square root to a thousandth, up to four million; `f64::sqrt` needs std.
 pub(super) fn root(square: f64) -> f64 {
     ((square.max(0.0) * 1e6) as u64).isqrt() as f64 / 1e3
 }
 
-/// No two quartz clocks differ by more than 0.1 %: a steeper line is a misreading.
+/// No two quartz clocks differ by more than 0.1 %, so a steeper line comes from a wrong reading.
 pub(super) const RATE_LIMIT: f64 = 1e-3;

@@ -7,7 +7,7 @@ use super::least_squares::LeastSquares;
 use super::line::{Line, RATE_LIMIT, round};
 use super::settings::Settings;
 
-/// What the servo knows.
+/// The state of the servo.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum State {
     /// No sample yet.
@@ -16,29 +16,30 @@ pub enum State {
     Acquiring,
     /// The line predicts the samples within the threshold.
     Locked,
-    /// No samples come; the line is extended.
+    /// No samples arrive; the line is extended.
     Holdover,
 }
 
-/// How well the line is known: one standard error each, from what the samples are off it.
+/// The error of the line: one standard error each, from the distances of the samples to the line.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Uncertainty {
-    /// Of the phase at the newest sample, ns. What no sample shows is not in it: the constant time from stamp
-    /// to wire.
+    /// Standard error of the phase at the newest sample, ns. It does not contain an error that no
+    /// sample shows: the constant time from stamp to wire.
     pub phase_ns: f64,
-    /// Of the rate, parts per billion.
+    /// Standard error of the rate, parts per billion.
     pub rate_ppb: f64,
 }
 
 /// Follows the reference clock with a line through pairs of host and system time.
 ///
-/// - Input: [`sample`](Self::sample) with each pair, [`handle_timeout`](Self::handle_timeout) now and then,
-///   [`reset`](Self::reset) for another reference;
+/// - Input: [`sample`](Self::sample) with each pair, [`handle_timeout`](Self::handle_timeout) from
+///   time to time, [`reset`](Self::reset) for another reference;
 /// - the line: [`dc_at`](Self::dc_at), [`host_at`](Self::host_at), [`next_send`](Self::next_send),
 ///   [`rate_ppb`](Self::rate_ppb), [`uncertainty`](Self::uncertainty);
-/// - what it is worth: [`state`](Self::state), [`last_error`](Self::last_error).
+/// - its quality: [`state`](Self::state), [`last_error`](Self::last_error).
 ///
-/// Pairs come in the order of their host times; one that is not later than the last is ignored.
+/// Pairs must come in the order of their host times; one that is not later than the last is
+/// ignored.
 #[derive(Clone, Debug)]
 pub struct Servo {
     settings: Settings,
@@ -52,7 +53,7 @@ pub struct Servo {
     outliers: u32,
 }
 
-/// How the line is found.
+/// The method that fits the line.
 #[derive(Clone, Debug)]
 #[expect(clippy::large_enum_variant, reason = "there is one servo, and no heap to put it on")]
 enum Fit {
@@ -92,7 +93,7 @@ impl Servo {
         }
     }
 
-    /// Takes one pair: a frame sent at `host` found the reference clock at `dc`.
+    /// Adds one pair: a frame sent at `host` found the reference clock at `dc`.
     pub fn sample(&mut self, host: Time<Host>, dc: Time<Dc>) {
         if self.state == State::Free {
             self.restart(host, dc);
@@ -125,19 +126,19 @@ impl Servo {
         self.judge();
     }
 
-    /// Tells the servo the time, so that it notices missing samples.
+    /// Advances the time, so that the servo notices missing samples.
     pub fn handle_timeout(&mut self, now: Time<Host>) {
         if self.state == State::Locked && now - self.last_sample > self.settings.holdover_after {
             self.state = State::Holdover;
         }
     }
 
-    /// Forgets everything: the reference clock is another one.
+    /// Restarts the servo for another reference clock.
     pub fn reset(&mut self) {
         *self = Self::new(self.settings);
     }
 
-    /// What the servo knows.
+    /// The state of the servo.
     pub fn state(&self) -> State {
         self.state
     }
@@ -152,7 +153,7 @@ impl Servo {
         round(self.line.rate * 1e9)
     }
 
-    /// How well phase and rate are known; `None` while there are too few samples to tell.
+    /// The errors of phase and rate; `None` while there are too few samples.
     pub fn uncertainty(&self) -> Option<Uncertainty> {
         match &self.fit {
             Fit::Exact(fit) => fit.uncertainty(),
@@ -160,8 +161,8 @@ impl Servo {
         }
     }
 
-    /// The system time that a frame sent at `host` will find at the reference clock. Host time itself
-    /// while there is no sample.
+    /// The system time that a frame sent at `host` will find at the reference clock. Without a
+    /// sample it is the host time itself.
     pub fn dc_at(&self, host: Time<Host>) -> Time<Dc> {
         let (dc, fraction) = self.line.at(host);
         dc + Nanos(round(fraction))
@@ -172,14 +173,15 @@ impl Servo {
         self.line.when(dc)
     }
 
-    /// The first send time not before `earliest` whose frame finds the reference clock at `phase` of a
-    /// cycle of `cycle`. Panics if the cycle is not positive.
+    /// The first send time not before `earliest` whose frame finds the reference clock at `phase`
+    /// of a cycle of `cycle`. Panics if the cycle is not positive.
     pub fn next_send(&self, earliest: Time<Host>, cycle: Nanos, phase: Nanos) -> Time<Host> {
         // Rounding may put the instant a nanosecond before `earliest`.
         self.host_at(self.next_grid(earliest, cycle, phase)).max(earliest)
     }
 
-    /// The system time that the frame of [`next_send`](Self::next_send) finds at the reference clock.
+    /// The system time that the frame of [`next_send`](Self::next_send) finds at the reference
+    /// clock.
     pub fn next_grid(&self, earliest: Time<Host>, cycle: Nanos, phase: Nanos) -> Time<Dc> {
         assert!(cycle.0 > 0, "a cycle has a length");
         let from = self.dc_at(earliest);
@@ -192,12 +194,12 @@ impl Servo {
         &self.line
     }
 
-    /// Whether the last sample is too far off to be used.
+    /// Whether the last sample is too far off the line to be used.
     fn is_outlier(&self, interval: Nanos) -> bool {
         self.last_error.abs() > self.settings.outlier + self.rate_allowance(interval)
     }
 
-    /// What a line of few samples may be off since it does not know its rate yet.
+    /// The additional error of a line of few samples, which does not know its rate yet.
     fn rate_allowance(&self, interval: Nanos) -> Nanos {
         match self.state {
             State::Locked => Nanos::ZERO,
@@ -237,5 +239,5 @@ impl Servo {
     }
 }
 
-/// Samples from which on a line knows its rate.
+/// Samples after which a line knows its rate.
 const RATE_KNOWN: u32 = 8;

@@ -1,4 +1,4 @@
-//! The servo on pairs of known clocks and known hosts.
+//! The servo with pairs of known clocks and known hosts.
 
 use isocat_wire::time::{Dc, Nanos, Time};
 
@@ -63,8 +63,8 @@ fn one_outlier_is_ignored_and_a_new_truth_accepted() {
     assert!((error - Nanos(5_000_000)).abs() < Nanos(100), "{error}");
 }
 
-/// Frames leave after their stamp: by an exponential time of this mean, and one of `every` by up to
-/// a millisecond more.
+/// A host whose frames leave after their stamp: by an exponential time of this mean, and one in
+/// `every` by up to a millisecond more.
 struct Host {
     random: u64,
     mean: f64,
@@ -94,8 +94,8 @@ impl Host {
     }
 }
 
-/// Runs a servo of this host for a time; gives the samples until it locked, and how often it was not
-/// locked behind that.
+/// Runs a servo of this host for a time. Returns the number of samples until it locked, and how
+/// often it was not locked afterwards.
 fn run_noisy(
     servo: &mut Servo,
     host: &mut Host,
@@ -116,8 +116,8 @@ fn run_noisy(
     (locked, lost)
 }
 
-/// Ordinary hosts: locked soon, never lost, and the line between the frames that left at once and
-/// the mean.
+/// With ordinary hosts it locks soon and is never lost; the line lies between the frames that left
+/// at once and the mean.
 #[test]
 fn locks_on_stamps_that_are_early() {
     for (mean, every) in [(2_000, 100), (10_000, 20), (10_000, 5), (40_000, 10)] {
@@ -141,8 +141,8 @@ fn locks_on_stamps_that_are_early() {
     }
 }
 
-/// One frame that was held up, wherever in the acquisition: a tenth of a second later its trace is half
-/// the lock threshold at most.
+/// One frame is delayed at any point of the acquisition. A tenth of a second later its effect is at
+/// most half the lock threshold.
 #[test]
 fn one_outlier_does_not_ruin_the_start() {
     for held_up in [5_000, 19_000, 100_000, 1_000_000, 40_000_000] {
@@ -157,7 +157,7 @@ fn one_outlier_does_not_ruin_the_start() {
     }
 }
 
-/// Noise as set locks; ten times as much does not.
+/// Noise as set still locks; ten times as much does not.
 #[test]
 fn garbage_does_not_lock() {
     let cycle = Nanos::millis(1);
@@ -169,13 +169,13 @@ fn garbage_does_not_lock() {
         let locked = run_noisy(&mut servo(), &mut host, cycle, 10_000, 10).0;
         assert_eq!(locked, None, "seed {seed}");
     }
-    // And without noise allowed, noise of a microsecond or two is too much.
+    // Without allowance for noise, a microsecond or two of noise is too much.
     let mut host = Host::new(1, 5_000.0, 1_000);
     let mut exact = Servo::new(Settings::new(cycle, Nanos::ZERO));
     assert_eq!(run_noisy(&mut exact, &mut host, cycle, 10_000, 10).0, None);
 }
 
-/// 40 ms without a sample, then a frame that is late itself: still locked, still in phase.
+/// After 40 ms without a sample, and a frame that is late itself, it is still locked and in phase.
 #[test]
 fn a_stall_does_not_unlock() {
     let mut servo = Servo::new(Settings::new(Nanos::millis(1), Nanos(10_000)));
@@ -225,8 +225,8 @@ fn holdover_when_samples_stop() {
     assert_eq!(servo.state(), State::Locked);
 }
 
-/// Rate after `samples` of a host, and phase at the last, less the truth, each in standard errors as told: root of
-/// the mean square over many seeds.
+/// Errors of the rate after `samples` of a host, and of the phase at the last, each in stated
+/// standard errors: root of the mean square over many seeds.
 fn errors_in_standard_errors(noise: i64, samples: u64) -> (f64, f64) {
     let (mut phase, mut rate) = (0.0, 0.0);
     let seeds = 200;
@@ -250,7 +250,7 @@ fn errors_in_standard_errors(noise: i64, samples: u64) -> (f64, f64) {
     ((phase / seeds as f64).sqrt(), (rate / seeds as f64).sqrt())
 }
 
-/// What is told of the uncertainty is what it is: neither half of it nor twice.
+/// The stated uncertainty is right: the errors are neither half of it nor twice.
 #[test]
 fn standard_errors_are_what_errors_are() {
     for noise in [0, 2_000, 20_000] {
@@ -263,7 +263,7 @@ fn standard_errors_are_what_errors_are() {
     }
 }
 
-/// Too few samples for a figure give none.
+/// With too few samples there is no figure.
 #[test]
 fn no_standard_error_of_nothing() {
     for noise in [0, 2_000] {
@@ -276,8 +276,8 @@ fn no_standard_error_of_nothing() {
     }
 }
 
-/// From 62.5 us to 10 ms, exact stamps and early ones: locked within 200 ms of samples, and what the line is off by
-/// then is small.
+/// For cycles from 62.5 us to 10 ms, with exact and early stamps, it locks within 200 ms of
+/// samples, and the error of the line is then small.
 #[test]
 fn one_setting_for_all_cycles() {
     for cycle in [62_500, 250_000, 1_000_000, 4_000_000, 10_000_000] {
@@ -306,7 +306,8 @@ fn one_setting_for_all_cycles() {
     }
 }
 
-/// The host's clock changes by 50 ppm, either way: how far a sample after that is from what the line says.
+/// The host's clock changes by 50 ppm in either direction. Returns the largest error of a sample
+/// after that.
 fn worst_after_a_step(noise: i64, ppm: i64) -> i64 {
     let mut servo = Servo::new(Settings::new(Nanos::millis(1), Nanos(noise)));
     let mut host = Host::new(5, noise as f64, u64::MAX);
@@ -322,7 +323,7 @@ fn worst_after_a_step(noise: i64, ppm: i64) -> i64 {
         let late = if noise > 0 { host.held_up() as u64 } else { 0 };
         servo.sample(Time::new(stamp), truth(stamp + late));
         assert!(i < 100 || servo.state() == State::Locked, "{noise} ns, {ppm} ppm, {i}");
-        // Known again long before the memory of a second is full of the new rate.
+        // The rate is known again long before the memory of one second is full of the new rate.
         let off = (servo.rate_ppb() - (20 + ppm) * 1_000).abs();
         assert!(!(2_300..2_950).contains(&i) || off < 1_000, "{noise} ns, {ppm} ppm, {i}: {off}");
         assert!(i < 2_950 || off < 100, "{noise} ns, {ppm} ppm, {i}: {off}");
@@ -333,7 +334,7 @@ fn worst_after_a_step(noise: i64, ppm: i64) -> i64 {
 #[test]
 fn a_changed_rate_is_noticed() {
     for ppm in [-50, 50] {
-        // One sample is off by 50 ns, the next by 100; then it is known.
+        // One sample is off by 50 ns, the next by 100; then the new rate is known.
         let exact = worst_after_a_step(0, ppm);
         assert!((80..=250).contains(&exact), "{ppm}: {exact}");
         let early = worst_after_a_step(500, ppm);
@@ -341,8 +342,8 @@ fn a_changed_rate_is_noticed() {
     }
 }
 
-/// A host of whose frames one of fifty leaves at once and all others 5 us later: not as the noise is said to
-/// be, but the line finds those few and stays with them.
+/// One frame in fifty of this host leaves at once and all others 5 us later. This is not the stated
+/// noise, but the line finds those few and stays with them.
 #[test]
 fn few_frames_that_leave_at_once_are_enough() {
     let mut servo = Servo::new(Settings::new(Nanos::millis(1), Nanos(2_000)));
@@ -355,7 +356,7 @@ fn few_frames_that_leave_at_once_are_enough() {
         off.push((servo.dc_at(Time::new(stamp)) - dc(stamp, 20)).0);
         assert!(i < 200 || servo.state() == State::Locked);
     }
-    // Until it has learnt caution it may take the many for a new truth.
+    // Until it has become cautious it may follow the many.
     let settled = &off[10_000..];
     let (least, most) = (settled.iter().min().unwrap(), settled.iter().max().unwrap());
     assert!(*least > -1_000 && *most < 1_000, "{least} to {most}");

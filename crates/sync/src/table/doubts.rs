@@ -1,20 +1,20 @@
-//! Where a published copy of the tables says something else than [`lookup`](super::lookup), and why
-//! it is not followed.
+//! The cells in which a published copy of the tables differs from [`lookup`](super::lookup), and
+//! why the copy is not followed.
 
 use super::Column;
 use crate::object::{INPUT_PARAMETER, OUTPUT_PARAMETER};
 
-/// Which of the two tables.
+/// One of the two tables.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Aspect {
-    /// Who may write a sub-index.
+    /// The access rights of a sub-index.
     Rights,
-    /// Whether it must be there.
+    /// Whether a sub-index must exist.
     Need,
 }
 
 impl Aspect {
-    /// In words.
+    /// The name in words.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Rights => "access",
@@ -30,17 +30,17 @@ pub struct Doubt {
     pub object: u16,
     /// Its sub-indices.
     pub subs: &'static [u8],
-    /// The columns; all of them where the whole row differs.
+    /// The columns; all of them if the whole row differs.
     pub columns: &'static [Column],
     /// Which table.
     pub aspect: Aspect,
-    /// What the source prints, in the letters of the tables; "no row" where the row is missing.
+    /// The source's content, in the letters of the tables; "no row" if the row is missing.
     pub printed: &'static str,
-    /// Why the tables here have it otherwise.
+    /// Why the tables in this crate differ from it.
     pub reason: &'static str,
 }
 
-/// All of them.
+/// All doubts.
 pub const DOUBTS: [Doubt; 6] = [
     Doubt {
         object: OUTPUT_PARAMETER,
@@ -105,7 +105,7 @@ mod tests {
     use super::super::lookup;
     use super::*;
 
-    /// The ten cells that the source has otherwise: what it prints is not what is taken.
+    /// The ten cells that differ: the printed content is not the one used.
     #[test]
     fn what_is_printed_is_not_what_is_taken() {
         let mut cells = 0;

@@ -1,10 +1,10 @@
-//! Epoll sets: which objects, for which events, told how.
+//! Epoll sets: their objects, the events asked for, and how events are reported.
 
 use super::object::{ObjectId, Objects, Readiness};
 
-/// Tell each change once, and not as long as it holds (`EPOLLET`).
+/// Report each change once, and not as long as it holds (`EPOLLET`).
 const EDGE: u32 = 1 << 31;
-/// Tell one change, then nothing until the interest is set anew (`EPOLLONESHOT`).
+/// Report one change, then nothing until the interest is set again (`EPOLLONESHOT`).
 const ONE_SHOT: u32 = 1 << 30;
 
 /// One member of a set.
@@ -12,31 +12,31 @@ const ONE_SHOT: u32 = 1 << 30;
 pub struct Interest {
     /// The number under which the program added it.
     pub descriptor: i32,
-    /// What stands behind it.
+    /// The object behind the descriptor.
     pub object: ObjectId,
-    /// The events that are asked for, and how they are told.
+    /// The events that are asked for, and the way to report them.
     pub events: u32,
-    /// What the program wants told with them.
+    /// The data that the program wants reported with the events.
     pub data: u64,
-    /// The object's changes when it was told last.
+    /// The change counter of the object at the last report.
     seen: Option<u64>,
 }
 
 impl Interest {
-    /// A member about which nothing was told yet.
+    /// A member without a report yet.
     pub fn new(descriptor: i32, object: ObjectId, events: u32, data: u64) -> Self {
         Self { descriptor, object, events, data, seen: None }
     }
 }
 
-/// A set.
+/// An epoll set.
 #[derive(Debug, Default)]
 pub struct Epoll {
     members: Vec<Interest>,
 }
 
 impl Epoll {
-    /// Adds a member; `false` if it is one already.
+    /// Adds a member; `false` if it is already in the set.
     pub fn add(&mut self, interest: Interest) -> bool {
         let new = self.place(interest.descriptor, interest.object).is_none();
         if new {
@@ -45,29 +45,29 @@ impl Epoll {
         new
     }
 
-    /// Changes what is asked of a member; `false` if it is none.
+    /// Changes the interest of a member; `false` if it is not in the set.
     pub fn change(&mut self, interest: Interest) -> bool {
         let place = self.place(interest.descriptor, interest.object);
         place.map(|place| self.members[place] = interest).is_some()
     }
 
-    /// Removes a member; `false` if it is none.
+    /// Removes a member; `false` if it is not in the set.
     pub fn remove(&mut self, descriptor: i32, object: ObjectId) -> bool {
         let place = self.place(descriptor, object);
         place.map(|place| self.members.remove(place)).is_some()
     }
 
-    /// Removes all members that stand for an object that is no more.
+    /// Removes all members of an object that does not exist any more.
     pub fn forget(&mut self, object: ObjectId) {
         self.members.retain(|member| member.object != object);
     }
 
-    /// The members' objects.
+    /// The objects of the members.
     pub fn objects(&self) -> impl Iterator<Item = ObjectId> {
         self.members.iter().map(|member| member.object)
     }
 
-    /// Which members are to be told of, at most `most`: events and data of each.
+    /// The members to report, at most `most`, with the events of each.
     pub fn ready(&self, objects: &Objects, most: usize) -> Vec<(Interest, u32)> {
         let told = |member: &Interest| {
             let events = wanted(member, objects)?;
@@ -77,7 +77,8 @@ impl Epoll {
         self.members.iter().filter_map(told).take(most).collect()
     }
 
-    /// These were told of. A set tells first, next time, of those that it did not tell of now.
+    /// Notes that these members were reported. They move to the end of the set, so that the next
+    /// report begins with the others.
     pub fn told(&mut self, told: &[(Interest, u32)], changes: impl Fn(ObjectId) -> u64) {
         for (interest, _) in told {
             let Some(place) = self.place(interest.descriptor, interest.object) else { continue };
@@ -96,13 +97,13 @@ impl Epoll {
     }
 }
 
-/// The events of a member that hold now, if there are some of those asked for.
+/// The present events of a member, if any of those asked for holds.
 fn wanted(member: &Interest, objects: &Objects) -> Option<u32> {
     let asked = member.events & !(EDGE | ONE_SHOT);
     if asked == 0 {
         return None;
     }
-    // Errors and ends are told without being asked for.
+    // Errors and hang-ups are reported without being asked for.
     let always = Readiness::ERROR | Readiness::HANG_UP;
     let events = objects.readiness(member.object).0 & (asked | always.0);
     (events != 0).then_some(events)

@@ -1,23 +1,23 @@
-//! Event counters, as `eventfd` makes them.
+//! Event counters as `eventfd` creates them.
 
-/// A counter that is added to by writes and emptied by reads.
+/// A counter that writes increase and reads empty.
 #[derive(Debug, Default)]
 pub struct EventCounter {
     count: u64,
-    /// A read takes one, and not all.
+    /// A read takes one from the counter, not all.
     semaphore: bool,
 }
 
-/// The counter never goes beyond this.
+/// The largest value of the counter.
 const MOST: u64 = u64::MAX - 1;
 
 impl EventCounter {
-    /// With this count.
+    /// A counter with this value.
     pub fn new(count: u64, semaphore: bool) -> Self {
         Self { count, semaphore }
     }
 
-    /// Adds; `false` if there is no room, and nothing is added.
+    /// Adds to the counter. `false`: the sum would be too large, and nothing was added.
     pub fn add(&mut self, value: u64) -> bool {
         match self.count.checked_add(value).filter(|sum| *sum <= MOST) {
             Some(sum) => {
@@ -28,19 +28,19 @@ impl EventCounter {
         }
     }
 
-    /// What a read gives; `None` while it is 0.
+    /// The result of a read; `None` while the counter is 0.
     pub fn take(&mut self) -> Option<u64> {
         let taken = if self.semaphore { 1.min(self.count) } else { self.count };
         self.count -= taken;
         (taken > 0).then_some(taken)
     }
 
-    /// A read would give something.
+    /// Whether a read would return a value.
     pub fn is_readable(&self) -> bool {
         self.count > 0
     }
 
-    /// One may be added.
+    /// Whether 1 can be added.
     pub fn is_writable(&self) -> bool {
         self.count < MOST
     }

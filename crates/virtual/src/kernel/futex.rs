@@ -1,20 +1,20 @@
 //! Futexes: the queues behind mutexes, condition variables and joins.
 //!
-//! The word itself lies in the program's memory, and the caller reads and writes it. As one task
-//! runs at a time, to compare a word and to queue up is one step without any lock.
+//! The word itself is in the program's memory, and the caller reads and writes it. Only one task
+//! runs at a time, so comparing a word and joining its queue is one step without a lock.
 
 use super::scheduler::TaskId;
 
-/// Which word: an address in one address space, or a place in what several processes share.
+/// The key of a word: an address in one address space, or a place in shared memory.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct FutexKey {
-    /// The address space, or what is shared.
+    /// The address space, or the shared memory.
     pub space: u64,
-    /// The address, or the place in what is shared.
+    /// The address, or the place in the shared memory.
     pub place: u64,
 }
 
-/// All tasks that wait on words, in the order in which they began to.
+/// All tasks that wait on words, in the order in which they began to wait.
 #[derive(Debug, Default)]
 pub struct Futexes {
     waiters: Vec<Waiter>,
@@ -29,7 +29,7 @@ struct Waiter {
 }
 
 impl Futexes {
-    /// The task waits on the word, for wakes that share a bit with `bits`.
+    /// Makes the task wait on the word, for wakes that share a bit with `bits`.
     pub fn wait(&mut self, task: TaskId, key: FutexKey, bits: u32) {
         self.leave(task);
         self.waiters.push(Waiter { task, key, bits, woken: false });
@@ -40,12 +40,12 @@ impl Futexes {
         self.waiters.iter().any(|waiter| waiter.task == task && waiter.woken)
     }
 
-    /// The task does not wait any more: it was woken, its time is over, or it ended.
+    /// Removes the task from its queue: it was woken, its time is over, or it ended.
     pub fn leave(&mut self, task: TaskId) {
         self.waiters.retain(|waiter| waiter.task != task);
     }
 
-    /// Wakes up to `most` of those that wait on the word, in their order; gives them.
+    /// Wakes up to `most` of the tasks that wait on the word, in their order. Returns these tasks.
     pub fn wake(&mut self, key: FutexKey, bits: u32, most: usize) -> Vec<TaskId> {
         let fits =
             |waiter: &&mut Waiter| !waiter.woken && waiter.key == key && waiter.bits & bits != 0;
@@ -57,42 +57,43 @@ impl Futexes {
         woken
     }
 
-    /// Lets up to `most` of those that wait on one word wait on another; gives how many.
+    /// Moves up to `most` of the tasks that wait on one word to another word. Returns their number.
     pub fn requeue(&mut self, from: FutexKey, to: FutexKey, most: usize) -> usize {
         let waits = |waiter: &&mut Waiter| !waiter.woken && waiter.key == from;
         let moved = self.waiters.iter_mut().filter(waits).take(most);
         moved.map(|waiter| waiter.key = to).count()
     }
 
-    /// How many wait on the word.
+    /// Number of tasks that wait on the word.
     pub fn count(&self, key: FutexKey) -> usize {
         self.waiters.iter().filter(|waiter| !waiter.woken && waiter.key == key).count()
     }
 
-    /// The word that a task waits on.
+    /// The word on which a task waits.
     pub fn key_of(&self, task: TaskId) -> Option<FutexKey> {
         self.waiters.iter().find(|waiter| waiter.task == task).map(|waiter| waiter.key)
     }
 }
 
-/// What becomes of a lock with priority inheritance, whose word holds the owner's thread number.
+/// The result of asking for a lock with priority inheritance, whose word holds the owner's thread
+/// number.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PiLock {
-    /// It is free: the caller takes it by writing this word.
+    /// The lock is free: the caller takes it by writing this word.
     Taken(u32),
-    /// The caller has it already.
+    /// The caller already owns the lock.
     Own,
-    /// Another thread has it: the word becomes this, and the caller waits.
+    /// Another thread owns the lock: this is the new word, and the caller waits.
     Held(u32),
 }
 
-/// Bit 31 of the word: others wait.
+/// Bit 31 of the word: other threads wait.
 const WAITERS: u32 = 0x8000_0000;
 /// Bits 0 to 29: the owner's thread number.
 const OWNER: u32 = 0x3FFF_FFFF;
 
 impl PiLock {
-    /// A thread asks for the lock whose word is `word`.
+    /// Evaluates the word of a lock for which a thread asks.
     pub fn ask(word: u32, thread: u32) -> Self {
         match word & OWNER {
             0 => Self::Taken(thread | word & WAITERS),
@@ -101,13 +102,13 @@ impl PiLock {
         }
     }
 
-    /// The word that the lock has when `next` gets it and others may wait behind; without anybody
-    /// it is free.
+    /// The word of the lock when `next` gets it and others may still wait; without `next` the lock
+    /// is free.
     pub fn hand_over(next: Option<u32>, others_wait: bool) -> u32 {
         next.map_or(0, |thread| thread | if others_wait { WAITERS } else { 0 })
     }
 
-    /// Whether this thread may give the lock back.
+    /// Whether this thread owns the lock and may release it.
     pub fn is_owner(word: u32, thread: u32) -> bool {
         word & OWNER == thread
     }

@@ -1,48 +1,50 @@
-//! The machine that a program seems to run on: what its calls cost, and its bad luck.
+//! The machine on which a program seems to run: the cost of its calls, and its delays.
 
 use isocat_sim::fault::LateHost;
 use isocat_sim::host::Delay;
 use isocat_sim::random::Stream;
 use isocat_wire::time::{Host as Clock, Nanos, Time};
 
-/// What calls cost in virtual time. Each call costs something, so that a loop that asks for the
-/// time, or for a frame, again and again comes to its end.
+/// The cost of calls in virtual time. Each call has a cost, so that a loop that polls the time or a
+/// frame comes to an end.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Costs {
-    /// Reading a clock, and any call that is not named here.
+    /// Reading a clock, and any call that has no cost of its own here.
     pub call: Nanos,
-    /// Sending a frame, from the call until its first bit is on the wire.
+    /// Sending a frame: the time from the call until the first bit is on the wire.
     pub send: Nanos,
-    /// Asking for a frame, whether one is there or not.
+    /// Asking for a frame, whether or not one is there.
     pub receive: Nanos,
 }
 
 impl Default for Costs {
-    /// As of a PC: 200 ns, 3 us, 1 us.
+    /// The costs of a PC: 200 ns, 3 us, 1 us.
     fn default() -> Self {
         Self { call: Nanos(200), send: Nanos(3_000), receive: Nanos(1_000) }
     }
 }
 
-/// The bad luck of a machine.
+/// The random delays of a machine.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Luck {
-    /// Worst lateness of a wake-up; drawn as of [`Stream::lateness`], a fifth of this in the mean.
+    /// Largest lateness of a wake-up; drawn by [`Stream::lateness`], with a mean of a fifth of
+    /// this.
     pub lateness: Nanos,
-    /// Lateness without a bound, in place of that.
+    /// Lateness without an upper limit, in place of `lateness`.
     pub wake_ups: Option<Delay>,
-    /// Lateness as it was measured, in place of both: how often each one was seen.
+    /// Measured lateness, in place of both: each value with its number of occurrences.
     pub measured: Vec<(Nanos, u64)>,
-    /// How much later than in time frames set out.
+    /// Additional delay of frames that are sent.
     pub hold_ups: Option<Delay>,
-    /// Preemption: one of so many calls takes this much longer, evenly up to the second; 0: none.
+    /// Preemption: on average one call in this many (0: none) takes longer, by a time evenly
+    /// distributed up to the second value.
     pub preemption: (u64, Nanos),
-    /// Seed of all of it.
+    /// Seed of all random delays.
     pub seed: u64,
 }
 
 impl Default for Luck {
-    /// None at all.
+    /// No delays.
     fn default() -> Self {
         Self {
             lateness: Nanos::ZERO,
@@ -55,23 +57,24 @@ impl Default for Luck {
     }
 }
 
-/// Something that happens to the machine while the program runs.
+/// A fault of the machine while the program runs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum MachineFault {
-    /// No program runs from the first instant until the second; [`Time::NEVER`]: until the next stall is told.
+    /// No program runs from the first instant until the second. [`Time::NEVER`] means until the
+    /// next stall is reported.
     Stall(Time<Clock>, Time<Clock>),
-    /// Wake-ups are later than usual, from now on; `None`: as usual.
+    /// From now on wake-ups are later than usual; `None`: as usual.
     LateWakeUps(Option<LateHost>),
-    /// Frames set out later than usual, from now on; `None`: as usual.
+    /// From now on frames are sent later than usual; `None`: as usual.
     SlowSends(Option<LateHost>),
-    /// Real time, as the program reads it, jumps ahead. Monotonic time does not, as in Linux.
+    /// Real time, as the program reads it, jumps forward. Monotonic time does not, as in Linux.
     ClockJump(Nanos),
 }
 
-/// A machine.
+/// A machine with its costs and delays.
 #[derive(Debug)]
 pub struct Host {
-    /// What calls cost.
+    /// The cost of calls.
     pub costs: Costs,
     luck: Luck,
     wake_ups: Stream,
@@ -80,15 +83,15 @@ pub struct Host {
     preemptions: Stream,
     bytes: Stream,
     faults: Stream,
-    /// What faults add to wake-ups and to sends.
+    /// Additional delays of wake-ups and of sends from faults.
     late: Option<LateHost>,
     slow: Option<LateHost>,
-    /// No program runs in this time.
+    /// The time in which no program runs.
     stalled: Option<(Time<Clock>, Time<Clock>)>,
 }
 
 impl Host {
-    /// A machine with its luck.
+    /// A machine with these costs and delays.
     pub fn new(costs: Costs, luck: Luck) -> Self {
         let stream = |name| Stream::new(luck.seed, name, 0);
         Self {
@@ -106,29 +109,29 @@ impl Host {
         }
     }
 
-    /// When a program runs that is to wake at `due`.
+    /// The instant at which a program runs that was to wake at `due`.
     pub fn wakes(&mut self, due: Time<Clock>) -> Time<Clock> {
         let late = lateness(&self.luck, &mut self.wake_ups);
         let fault = self.late.map_or(Nanos::ZERO, |late| late.draw(&mut self.faults));
         self.after_stall(due + late + fault)
     }
 
-    /// How much later a frame that is back reaches the socket: it takes an interrupt, which is as
-    /// late as a timer's. Without that frames that are sent as fast as they come back would be as
-    /// even as no machine sends them.
+    /// Additional delay until a returned frame reaches the socket: it needs an interrupt, which is
+    /// as late as a timer's. Without this delay, frames that are sent as soon as others come back
+    /// would be more regular than on any real machine.
     pub fn brings_up(&mut self) -> Nanos {
         let usual = lateness(&self.luck, &mut self.arrivals);
         usual + self.late.map_or(Nanos::ZERO, |late| late.draw(&mut self.faults))
     }
 
-    /// How much later a frame sets out than [`Costs::send`] says.
+    /// Additional delay until a frame is sent, beyond [`Costs::send`].
     pub fn holds_up(&mut self) -> Nanos {
         let usual = self.luck.hold_ups.as_ref().map(|delay| delay.draw(&mut self.hold_ups));
         let fault = self.slow.map_or(Nanos::ZERO, |slow| slow.draw(&mut self.faults));
         usual.unwrap_or(Nanos::ZERO) + fault
     }
 
-    /// How long the program is kept from running at this call.
+    /// How long the program is preempted at this call.
     pub fn preempts(&mut self) -> Nanos {
         match self.luck.preemption {
             (0, _) => Nanos::ZERO,
@@ -137,7 +140,7 @@ impl Host {
         }
     }
 
-    /// The end of a stall in which an instant lies, else the instant.
+    /// If an instant lies in a stall, the end of that stall; otherwise the instant.
     pub fn after_stall(&self, at: Time<Clock>) -> Time<Clock> {
         match self.stalled {
             Some((from, to)) if from <= at && at < to => to,
@@ -145,7 +148,7 @@ impl Host {
         }
     }
 
-    /// Something happens to the machine. A jump of its clock is up to those who show it.
+    /// Applies a fault of the machine. A clock jump must be applied by those who show the clock.
     pub fn suffer(&mut self, fault: MachineFault) {
         match fault {
             MachineFault::Stall(from, to) => self.stalled = Some((from, to)),
@@ -161,7 +164,7 @@ impl Host {
     }
 }
 
-/// How late a machine is this time.
+/// The lateness of one wake-up.
 fn lateness(luck: &Luck, chance: &mut Stream) -> Nanos {
     match (&luck.measured[..], &luck.wake_ups) {
         ([], Some(delay)) => delay.draw(chance),
@@ -170,7 +173,7 @@ fn lateness(luck: &Luck, chance: &mut Stream) -> Nanos {
     }
 }
 
-/// One of the values that were measured, each as often as it was.
+/// Draws one of the measured values, each with its frequency.
 fn draw(measured: &[(Nanos, u64)], chance: &mut Stream) -> Nanos {
     let total: u64 = measured.iter().map(|(_, times)| times).sum();
     let mut at = chance.up_to(total.saturating_sub(1));

@@ -1,13 +1,16 @@
-//! The virtual kernel: who runs, who waits, until when, and for what.
+//! The virtual kernel decides which task runs, and which tasks wait, until when, and for what.
 //!
-//! It knows no system calls, no processes' memory and no real time. One task runs at a time; when it makes a call, the call costs
-//! a stated time, and either is answered or the task waits. Time goes on only when all tasks wait: then it jumps to the
-//! earliest instant at which a task or the world (a timer, a frame on its way back) is due.
+//! It knows no system calls, no memory of processes and no real time. One task runs at a time. A
+//! call costs a stated time; then it is answered, or the task waits. Time advances only when all
+//! tasks wait: it jumps to the earliest instant at which a task or the environment (a timer, a
+//! frame on its way back) is due.
 //!
-//! - [`Scheduler`]: tasks, their waits, the clock.
+//! - [`Scheduler`]: tasks, what they wait for, and the clock.
 //! - [`Futexes`]: the queues behind mutexes, condition variables and joins.
-//! - [`Objects`]: what descriptors stand for: packet sockets, timers, event counters, pipes, epoll sets.
-//! - [`Host`]: the bad luck of a machine: late wake-ups, slow sends, stalls, each drawn from one seed.
+//! - [`Objects`]: the objects behind descriptors: packet sockets, timers, event counters, pipes,
+//!   epoll sets.
+//! - [`Host`]: the random delays of a machine: late wake-ups, slow sends, stalls, all from one
+//!   seed.
 
 mod epoll;
 mod event;

@@ -1,4 +1,4 @@
-//! What the descriptors of programs stand for.
+//! The objects behind the descriptors of programs.
 
 use std::ops::{BitOr, BitOrAssign};
 
@@ -10,11 +10,11 @@ use super::packet::{Arrived, PacketSocket};
 use super::pipe::{End, Pipe, PipeId};
 use super::timer::Timer;
 
-/// An open description, by its number. Descriptors that were copied share one.
+/// The number of an open file description. Duplicated descriptors share one.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct ObjectId(pub u32);
 
-/// What it is.
+/// The kind of an object.
 #[derive(Debug)]
 pub enum Kind {
     /// A socket on a virtual interface.
@@ -25,26 +25,26 @@ pub enum Kind {
     Event(EventCounter),
     /// An end of a pipe, or of a pair of sockets.
     Pipe(End),
-    /// A set of others.
+    /// An epoll set of other objects.
     Epoll(Epoll),
-    /// Something of the world outside: how it stands is told by [`Objects::set_outside`].
+    /// An object outside of the supervisor; [`Objects::set_outside`] sets its readiness.
     Outside(Readiness),
 }
 
-/// What holds of an object: the bits of `poll`.
+/// The readiness of an object, as bits of `poll`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Readiness(pub u32);
 
 impl Readiness {
-    /// Nothing.
+    /// No bit is set.
     pub const NONE: Self = Self(0);
     /// Something can be read.
     pub const READ: Self = Self(0x001 | 0x040);
     /// Something can be written.
     pub const WRITE: Self = Self(0x004 | 0x100);
-    /// Nobody reads what is written.
+    /// The object has no reader for what is written.
     pub const ERROR: Self = Self(0x008);
-    /// Nobody writes any more.
+    /// The object has no writer any more.
     pub const HANG_UP: Self = Self(0x010);
 
     fn when(self, holds: bool) -> Self {
@@ -66,7 +66,7 @@ impl BitOrAssign for Readiness {
     }
 }
 
-/// All open descriptions, and the pipes between them.
+/// All open file descriptions, and the pipes between them.
 #[derive(Debug, Default)]
 pub struct Objects {
     slots: Vec<Option<Object>>,
@@ -75,7 +75,7 @@ pub struct Objects {
 
 #[derive(Debug)]
 struct Object {
-    /// How many descriptors of all processes stand for it.
+    /// Number of descriptors of all processes that refer to the object.
     references: u32,
     nonblocking: bool,
     changes: u64,
@@ -83,13 +83,13 @@ struct Object {
 }
 
 impl Objects {
-    /// A new one, with one descriptor.
+    /// Adds an object with one descriptor.
     pub fn add(&mut self, kind: Kind, nonblocking: bool) -> ObjectId {
         let object = Some(Object { references: 1, nonblocking, changes: 0, kind });
         ObjectId(put(&mut self.slots, object))
     }
 
-    /// Two ends of a new pipe: what reads, and what writes.
+    /// Adds a pipe. Returns its reading end, then its writing end.
     pub fn add_pipe(&mut self, nonblocking: bool) -> (ObjectId, ObjectId) {
         let pipe = PipeId(put(&mut self.pipes, Some(Pipe::new(false))));
         let reader = End { reads: Some(pipe), writes: None };
@@ -97,7 +97,7 @@ impl Objects {
         (self.add(Kind::Pipe(reader), nonblocking), self.add(Kind::Pipe(writer), nonblocking))
     }
 
-    /// Two sockets that are connected to each other.
+    /// Adds two sockets that are connected to each other.
     pub fn add_pair(&mut self, datagrams: bool, nonblocking: bool) -> (ObjectId, ObjectId) {
         let [there, back] =
             [(); 2].map(|()| PipeId(put(&mut self.pipes, Some(Pipe::new(datagrams)))));
@@ -106,15 +106,16 @@ impl Objects {
         (self.add(Kind::Pipe(one), nonblocking), self.add(Kind::Pipe(other), nonblocking))
     }
 
-    /// Another descriptor stands for it.
+    /// Counts another descriptor of the object.
     pub fn retain(&mut self, id: ObjectId) {
         if let Some(object) = &mut self.slots[id.0 as usize] {
             object.references += 1;
         }
     }
 
-    /// A descriptor does not stand for it any more; gives whose state changed by that: the last
-    /// descriptor ends the object, and an end of a pipe is noticed at the other.
+    /// Removes a descriptor of the object. Returns the objects whose state changed by that: the
+    /// last descriptor ends the object, and the end of one side of a pipe is visible at the other
+    /// side.
     pub fn release(&mut self, id: ObjectId) -> Vec<ObjectId> {
         let slot = &mut self.slots[id.0 as usize];
         let Some(object) = slot else { return Vec::new() };
@@ -148,7 +149,7 @@ impl Objects {
         self.neighbours(end)
     }
 
-    /// Those that see what an end of a pipe does.
+    /// The objects at the other side of a pipe, which see the actions at an end.
     pub fn neighbours(&self, end: End) -> Vec<ObjectId> {
         let others = |other: End| {
             other.reads.is_some() && other.reads == end.writes
@@ -163,46 +164,46 @@ impl Objects {
         .collect()
     }
 
-    /// What it is; `None` if it is no more.
+    /// The kind of the object; `None` if it does not exist any more.
     pub fn get(&self, id: ObjectId) -> Option<&Kind> {
         self.slots.get(id.0 as usize)?.as_ref().map(|object| &object.kind)
     }
 
-    /// The same, to change it.
+    /// The kind of the object, to change it.
     pub fn get_mut(&mut self, id: ObjectId) -> Option<&mut Kind> {
         self.slots.get_mut(id.0 as usize)?.as_mut().map(|object| &mut object.kind)
     }
 
-    /// A pipe between ends that are open.
+    /// A pipe whose ends are open.
     pub fn pipe(&mut self, id: PipeId) -> Option<&mut Pipe> {
         self.pipes[id.0 as usize].as_mut()
     }
 
-    /// Whether calls on it return at once.
+    /// Whether calls on the object return at once.
     pub fn is_nonblocking(&self, id: ObjectId) -> bool {
         self.slots[id.0 as usize].as_ref().is_some_and(|object| object.nonblocking)
     }
 
-    /// Sets that (`O_NONBLOCK`).
+    /// Sets whether calls on the object return at once (`O_NONBLOCK`).
     pub fn set_nonblocking(&mut self, id: ObjectId, nonblocking: bool) {
         if let Some(object) = &mut self.slots[id.0 as usize] {
             object.nonblocking = nonblocking;
         }
     }
 
-    /// Something new can be read from it, or written to it.
+    /// Counts a change: there is something new to read, or new space to write.
     pub fn changed(&mut self, id: ObjectId) {
         if let Some(object) = &mut self.slots[id.0 as usize] {
             object.changes += 1;
         }
     }
 
-    /// How often that happened.
+    /// Number of changes of the object.
     pub fn changes(&self, id: ObjectId) -> u64 {
         self.slots[id.0 as usize].as_ref().map_or(0, |object| object.changes)
     }
 
-    /// How something of the world outside stands; gives whether that is new.
+    /// Sets the readiness of an outside object. Returns whether it has changed.
     pub fn set_outside(&mut self, id: ObjectId, now: Readiness) -> bool {
         let Some(Kind::Outside(before)) = self.get_mut(id) else { return false };
         let is_new = now.0 & !before.0 != 0;
@@ -213,7 +214,7 @@ impl Objects {
         is_new
     }
 
-    /// What holds of it now.
+    /// The present readiness of the object.
     pub fn readiness(&self, id: ObjectId) -> Readiness {
         use Readiness as R;
         match self.get(id) {
@@ -245,7 +246,7 @@ impl Objects {
         readiness
     }
 
-    /// Whose changes a wait for this one has to see: itself, and of a set its members.
+    /// The objects whose changes a wait on this one must see: itself, and the members of a set.
     pub fn watched(&self, id: ObjectId) -> Vec<ObjectId> {
         let mut all = vec![id];
         if let Some(Kind::Epoll(epoll)) = self.get(id) {
@@ -254,7 +255,7 @@ impl Objects {
         all
     }
 
-    /// When the next timer expires.
+    /// The instant at which the next timer expires.
     pub fn next_timer(&self) -> Time<Host> {
         let timers = self.slots.iter().flatten().filter_map(|object| match &object.kind {
             Kind::Timer(timer) => timer.next(),
@@ -263,7 +264,7 @@ impl Objects {
         timers.min().unwrap_or(Time::NEVER)
     }
 
-    /// It is `now`: timers expire. Gives those that did.
+    /// Lets timers expire up to `now`. Returns those that did.
     pub fn fire_timers(&mut self, now: Time<Host>) -> Vec<ObjectId> {
         let mut fired = Vec::new();
         for (at, object) in self.slots.iter_mut().enumerate() {
@@ -278,7 +279,7 @@ impl Objects {
         fired
     }
 
-    /// A frame is there: all sockets that take it get it. Gives these.
+    /// Delivers a frame to all sockets that accept it. Returns these.
     pub fn deliver(&mut self, frame: &Arrived) -> Vec<ObjectId> {
         let mut takers = Vec::new();
         for (at, object) in self.slots.iter_mut().enumerate() {
@@ -293,7 +294,7 @@ impl Objects {
         takers
     }
 
-    /// The objects of the world outside.
+    /// The outside objects.
     pub fn outside(&self) -> impl Iterator<Item = ObjectId> {
         let all = self.slots.iter().enumerate();
         let outside = |object: &Object| matches!(object.kind, Kind::Outside(_));
@@ -310,7 +311,7 @@ impl Objects {
     }
 }
 
-/// Puts something where there is room; gives the place.
+/// Puts a value into a free slot and returns its index.
 fn put<T>(slots: &mut Vec<Option<T>>, new: Option<T>) -> u32 {
     let free = slots.iter().position(Option::is_none);
     let place = free.unwrap_or(slots.len());

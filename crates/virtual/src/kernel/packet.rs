@@ -5,32 +5,33 @@ use std::rc::Rc;
 
 use isocat_wire::time::{Host, Time};
 
-/// Which frames a socket takes.
+/// The frames that a socket accepts.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Protocol {
-    /// None, until it is bound to one.
+    /// No frames, until the socket is bound to a protocol.
     #[default]
     None,
-    /// Those of this EtherType.
+    /// Frames of this EtherType.
     Type(u16),
-    /// All.
+    /// All frames.
     All,
 }
 
 /// A socket of the family `AF_PACKET`.
 #[derive(Debug, Default)]
 pub struct PacketSocket {
-    /// The interface it is bound to: its place among the virtual ones. `None`: all.
+    /// The interface to which it is bound: its index among the virtual ones. `None`: all.
     pub interface: Option<usize>,
-    /// The frames it takes.
+    /// The frames it accepts.
     pub protocol: Protocol,
-    /// A `SOCK_DGRAM` socket: it leaves Ethernet headers to the kernel.
+    /// A `SOCK_DGRAM` socket, for which the kernel handles Ethernet headers.
     pub cooked: bool,
-    /// Receiving gives stamps of arrival, in this form (the `SO_` option that asked for it).
+    /// A receive also returns the stamp of arrival, in this form (the `SO_` option that asked for
+    /// it).
     pub stamps: Option<i32>,
-    /// How long a receive waits (`SO_RCVTIMEO`); `None`: for ever.
+    /// Timeout of a receive (`SO_RCVTIMEO`); `None`: no timeout.
     pub patience: Option<isocat_wire::time::Nanos>,
-    /// Frames that were left out since the last look, as nobody took the earlier ones.
+    /// Frames that were dropped since the last query, because the queue was full.
     pub dropped: u32,
     waiting: VecDeque<Arrived>,
 }
@@ -38,24 +39,24 @@ pub struct PacketSocket {
 /// A frame that arrived.
 #[derive(Clone, Debug)]
 pub struct Arrived {
-    /// When the host had it.
+    /// The instant at which the host received it.
     pub at: Time<Host>,
-    /// At which of the virtual interfaces.
+    /// The index of the virtual interface at which it arrived.
     pub interface: usize,
     /// The whole frame, from its destination address on.
     pub bytes: Rc<[u8]>,
 }
 
-/// Frames that wait in a socket at most; a kernel's default buffer holds some hundred.
+/// Largest number of frames that wait in a socket; a kernel's default buffer holds some hundred.
 const MOST: usize = 512;
 
 impl PacketSocket {
-    /// One that takes these frames from all interfaces.
+    /// A socket that accepts these frames from all interfaces.
     pub fn new(protocol: Protocol, cooked: bool) -> Self {
         Self { protocol, cooked, ..Self::default() }
     }
 
-    /// A frame came in at an interface; gives whether this socket takes it.
+    /// Offers a frame that came in at an interface. Returns whether this socket accepts it.
     pub fn offer(&mut self, frame: &Arrived) -> bool {
         let of_type = match self.protocol {
             Protocol::None => false,
@@ -79,17 +80,17 @@ impl PacketSocket {
         self.waiting.pop_front()
     }
 
-    /// The oldest frame, which stays.
+    /// The oldest frame, without taking it.
     pub fn peek(&self) -> Option<&Arrived> {
         self.waiting.front()
     }
 
-    /// A receive would give something.
+    /// Whether a receive would return a frame.
     pub fn is_readable(&self) -> bool {
         !self.waiting.is_empty()
     }
 
-    /// Forgets frames of before it was bound anew.
+    /// Drops the frames from before the socket was bound again.
     pub fn clear(&mut self) {
         self.waiting.clear();
     }

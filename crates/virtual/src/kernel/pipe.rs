@@ -1,46 +1,46 @@
-//! Pipes, and pairs of sockets, which are two of them.
+//! Pipes, and socket pairs, which consist of two pipes.
 
 use std::collections::VecDeque;
 
-/// A pipe, by its number.
+/// The number of a pipe.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct PipeId(pub u32);
 
-/// Which ends of pipes a description is: what it reads from and what it writes to.
+/// The ends of pipes of a file description: the pipe it reads from, and the pipe it writes to.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct End {
-    /// What it reads.
+    /// The pipe that it reads from.
     pub reads: Option<PipeId>,
-    /// What it writes.
+    /// The pipe that it writes to.
     pub writes: Option<PipeId>,
 }
 
 /// Bytes on their way from writers to readers.
 #[derive(Debug)]
 pub struct Pipe {
-    /// One after the other; a stream has one that grows.
+    /// The messages in order; a stream has a single one that grows.
     messages: VecDeque<Vec<u8>>,
-    /// Messages keep their borders.
+    /// Whether messages keep their boundaries.
     datagrams: bool,
     bytes: usize,
-    /// Descriptions that read.
+    /// Number of descriptions that read.
     pub readers: u32,
-    /// Descriptions that write.
+    /// Number of descriptions that write.
     pub writers: u32,
 }
 
-/// Bytes that a pipe holds, as in the kernel.
+/// Capacity of a pipe in bytes, as in the kernel.
 const CAPACITY: usize = 65_536;
-/// Writes of up to so many bytes are done whole or not at all.
+/// Writes of up to this many bytes are done as a whole or not at all.
 const ATOMIC: usize = 4_096;
 
 impl Pipe {
-    /// An empty one; `datagrams`: a read gives what one write wrote.
+    /// An empty pipe. `datagrams`: a read returns the bytes of one write.
     pub fn new(datagrams: bool) -> Self {
         Self { messages: VecDeque::new(), datagrams, bytes: 0, readers: 1, writers: 1 }
     }
 
-    /// Takes up to `most` bytes. `None`: there are none yet. Empty: there will be none.
+    /// Takes up to `most` bytes. `None`: there are none yet. Empty: no more will come.
     pub fn read(&mut self, most: usize) -> Option<Vec<u8>> {
         let Some(first) = self.messages.front_mut() else {
             return (self.writers == 0).then(Vec::new);
@@ -54,7 +54,7 @@ impl Pipe {
         Some(taken)
     }
 
-    /// Takes bytes in; gives how many. `None`: there is no room now.
+    /// Writes bytes and returns their number. `None`: the pipe is full.
     pub fn write(&mut self, bytes: &[u8]) -> Option<usize> {
         let room = CAPACITY - self.bytes;
         let whole = self.datagrams || bytes.len() <= ATOMIC;
@@ -70,27 +70,27 @@ impl Pipe {
         Some(taken.len())
     }
 
-    /// What the next read begins with, up to the end of the message.
+    /// The start of the next read, up to the end of the message.
     pub fn peek(&self) -> Option<&[u8]> {
         self.messages.front().map(Vec::as_slice)
     }
 
-    /// A read would not wait.
+    /// Whether a read would not wait.
     pub fn is_readable(&self) -> bool {
         !self.messages.is_empty()
     }
 
-    /// A short write would not wait.
+    /// Whether a short write would not wait.
     pub fn is_writable(&self) -> bool {
         CAPACITY - self.bytes >= ATOMIC
     }
 
-    /// Bytes that wait for a reader.
+    /// Number of bytes that wait for a reader.
     pub fn len(&self) -> usize {
         self.bytes
     }
 
-    /// No byte waits for a reader.
+    /// Whether no bytes wait for a reader.
     pub fn is_empty(&self) -> bool {
         self.bytes == 0
     }
@@ -108,7 +108,7 @@ mod tests {
         assert_eq!((stream.read(9), stream.read(9)), (Some(b"d".to_vec()), None));
         let mut datagrams = Pipe::new(true);
         assert_eq!((datagrams.write(b"ab"), datagrams.write(b"cd")), (Some(2), Some(2)));
-        // What does not fit the reader's buffer is lost.
+        // Bytes of a message beyond the reader's buffer are lost.
         assert_eq!(datagrams.read(1), Some(b"a".to_vec()));
         assert_eq!(datagrams.read(9), Some(b"cd".to_vec()));
         assert!(datagrams.is_empty());

@@ -1,33 +1,33 @@
-//! Tasks, the one that runs, and virtual time.
+//! The tasks, the running task, and virtual time.
 
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::futex::FutexKey;
 use super::object::ObjectId;
 
-/// A thread of a program, in the order in which they began.
+/// The number of a program's thread, in the order of their creation.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct TaskId(pub u32);
 
-/// What a waiting task waits for, beside an instant.
+/// What a waiting task waits for, apart from an instant.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Source {
-    /// Something about an object changed: bytes came, a timer expired, a member joined a set.
+    /// A change of an object: bytes arrived, a timer expired, a member joined a set.
     Object(ObjectId),
-    /// A futex on which another task calls wake.
+    /// A wake of this futex by another task.
     Futex(FutexKey),
-    /// A child process ended.
+    /// The end of a child process.
     Child,
-    /// A signal for it.
+    /// A signal for the task.
     Signal,
 }
 
-/// Decides who runs next, and when.
+/// Decides which task runs next, and when.
 ///
-/// A task is added as running. Whoever drives the scheduler says of a running task either that its
-/// call [is answered](Self::answered) or that it [waits](Self::wait); when no task runs any more,
-/// [`next`](Self::next) names the one to go on, after the caller let time [advance](Self::advance)
-/// to the instant it is due.
+/// A task is added as running. The caller reports for each running task that its call [is
+/// answered](Self::answered) or that it [waits](Self::wait). When no task runs any more,
+/// [`next`](Self::next) names the next task; the caller lets time [advance](Self::advance) to the
+/// instant at which it is due.
 #[derive(Debug)]
 pub struct Scheduler {
     now: Time<Host>,
@@ -38,10 +38,10 @@ pub struct Scheduler {
 #[derive(Debug)]
 struct Task {
     state: State,
-    /// From when on it may run; [`Time::NEVER`] until something wakes it.
+    /// The instant from which it may run; [`Time::NEVER`] until it is woken.
     due: Time<Host>,
-    /// Of tasks that are due at the same instant the one with the higher priority runs first, and
-    /// of those with the same the one that has been waiting for its turn for longer.
+    /// Of the tasks due at the same instant, the one with the highest priority runs first; of
+    /// those, the one that has waited longest for its turn.
     priority: u8,
     turn: u64,
     sources: Vec<Source>,
@@ -52,33 +52,33 @@ enum State {
     Running,
     Answered,
     Waiting,
-    /// In a call to the world outside, for as long as that takes.
+    /// In a call to the outside, as long as that call takes.
     Outside,
     Gone,
 }
 
 impl Scheduler {
-    /// No task, at `now`.
+    /// A scheduler without tasks, at `now`.
     pub fn new(now: Time<Host>) -> Self {
         Self { now, tasks: Vec::new(), sequence: 0 }
     }
 
-    /// Virtual time.
+    /// The present virtual time.
     pub fn now(&self) -> Time<Host> {
         self.now
     }
 
-    /// A call took this long.
+    /// Advances time by the cost of a call.
     pub fn spend(&mut self, cost: Nanos) {
         self.now += cost;
     }
 
-    /// Time goes on to `to`, if it lies ahead.
+    /// Advances time to `to`, if that lies ahead.
     pub fn advance(&mut self, to: Time<Host>) {
         self.now = self.now.max(to);
     }
 
-    /// A task begins to run, in the place of one that ended if there is such.
+    /// Adds a running task, in the slot of one that has ended if there is one.
     pub fn add(&mut self) -> TaskId {
         let task = Task {
             state: State::Running,
@@ -96,12 +96,12 @@ impl Scheduler {
         TaskId(place as u32)
     }
 
-    /// Its priority, 0 to 99, as of `SCHED_FIFO`.
+    /// Sets the priority of a task, 0 to 99, as for `SCHED_FIFO`.
     pub fn set_priority(&mut self, task: TaskId, priority: u8) {
         self.task(task).priority = priority;
     }
 
-    /// Its call is answered: it may go on when its turn comes.
+    /// The task's call is answered: it may continue when its turn comes.
     pub fn answered(&mut self, task: TaskId) {
         let (now, turn) = (self.now, self.turn());
         let task = self.task(task);
@@ -110,7 +110,7 @@ impl Scheduler {
         (task.due, task.turn) = (now, turn);
     }
 
-    /// It waits until an instant, or until one of the sources is [touched](Self::touch).
+    /// The task waits until an instant, or until one of the sources is [touched](Self::touch).
     pub fn wait(&mut self, task: TaskId, until: Time<Host>, sources: &[Source]) {
         let turn = self.turn();
         let task = self.task(task);
@@ -120,24 +120,25 @@ impl Scheduler {
         (task.due, task.turn) = (until, turn);
     }
 
-    /// It went into a call to the world outside, which takes real time. The others go on meanwhile.
+    /// The task went into a call to the outside, which takes real time. The others continue
+    /// meanwhile.
     pub fn outside(&mut self, task: TaskId) {
         self.task(task).state = State::Outside;
     }
 
-    /// It runs from now on.
+    /// The task runs from now on.
     pub fn run(&mut self, task: TaskId) {
         self.task(task).state = State::Running;
     }
 
-    /// It is no more.
+    /// The task has ended.
     pub fn end(&mut self, task: TaskId) {
         let task = self.task(task);
         task.state = State::Gone;
         task.sources = Vec::new();
     }
 
-    /// Wakes all tasks that wait for this source: they look again at what they wait for.
+    /// Wakes all tasks that wait for this source, so that they check their condition again.
     pub fn touch(&mut self, source: Source) {
         for at in 0..self.tasks.len() {
             let task = &self.tasks[at];
@@ -147,7 +148,7 @@ impl Scheduler {
         }
     }
 
-    /// Wakes one task, if it waits: it is due now.
+    /// Wakes one task if it waits: it is due now.
     pub fn wake(&mut self, task: TaskId) {
         let (now, turn) = (self.now, self.turn());
         let task = self.task(task);
@@ -156,8 +157,8 @@ impl Scheduler {
         }
     }
 
-    /// The task that is to go on next, and from when on it may; [`Time::NEVER`] if all wait for
-    /// what nobody will do. `None`: there is none that could.
+    /// The next task to run, and the instant from which it may; [`Time::NEVER`] if all wait for
+    /// something that cannot happen. `None`: no task can run.
     pub fn next(&self) -> Option<(TaskId, Time<Host>)> {
         self.waiting_for_turn()
             .min_by_key(|(_, task)| {
@@ -166,38 +167,39 @@ impl Scheduler {
             .map(|(at, task)| (TaskId(at as u32), task.due))
     }
 
-    /// When another task than this one is due: until then it need not be stopped.
+    /// The instant at which another task than this one is due; until then the running one need not
+    /// stop.
     pub fn next_other(&self, running: TaskId) -> Time<Host> {
         let others = self.waiting_for_turn().filter(|(at, _)| *at != running.0 as usize);
         others.map(|(_, task)| task.due).min().unwrap_or(Time::NEVER)
     }
 
-    /// Whether it waits.
+    /// Whether the task waits.
     pub fn is_waiting(&self, task: TaskId) -> bool {
         self.tasks[task.0 as usize].state == State::Waiting
     }
 
-    /// Whether its call is answered and its turn has not come yet.
+    /// Whether the task's call is answered and its turn has not come yet.
     pub fn is_answered(&self, task: TaskId) -> bool {
         self.tasks[task.0 as usize].state == State::Answered
     }
 
-    /// Whether it runs, between two calls.
+    /// Whether the task runs, between two calls.
     pub fn is_running(&self, task: TaskId) -> bool {
         self.tasks[task.0 as usize].state == State::Running
     }
 
-    /// Whether it is in a call to the world outside.
+    /// Whether the task is in a call to the outside.
     pub fn is_outside(&self, task: TaskId) -> bool {
         self.tasks[task.0 as usize].state == State::Outside
     }
 
-    /// Whether it has ended.
+    /// Whether the task has ended.
     pub fn is_gone(&self, task: TaskId) -> bool {
         self.tasks[task.0 as usize].state == State::Gone
     }
 
-    /// What it waits for.
+    /// The sources that the task waits for.
     pub fn sources(&self, task: TaskId) -> &[Source] {
         &self.tasks[task.0 as usize].sources
     }
@@ -251,7 +253,7 @@ mod tests {
         assert_eq!(scheduler.next(), Some((b, at(100))));
         scheduler.set_priority(a, 1);
         assert_eq!(scheduler.next(), Some((a, at(100))));
-        // What became due in the past is due now, as all else is: the priority decides.
+        // A task that became due in the past is due now like the others: the priority decides.
         scheduler.spend(Nanos(5));
         scheduler.wait(a, at(105), &[]);
         assert_eq!(scheduler.next(), Some((a, at(105))));

@@ -1,34 +1,34 @@
-//! Timers: those of `timerfd`, and the program's own that send signals.
+//! Timers: those of `timerfd`, and those of a process that send signals.
 
 use isocat_wire::time::{Host, Nanos, Time};
 
-/// A timer that expires once or again and again.
+/// A timer that expires once or periodically.
 #[derive(Debug, Default)]
 pub struct Timer {
-    /// When it expires next.
+    /// The instant of the next expiry.
     next: Option<Time<Host>>,
     interval: Nanos,
     expired: u64,
 }
 
 impl Timer {
-    /// Sets it: first at an instant, then in this interval; an interval of 0: once. What had
-    /// expired is forgotten.
+    /// Sets the timer: first an instant, then this interval; an interval of 0 means once. Earlier
+    /// expiries are cleared.
     pub fn set(&mut self, first: Option<Time<Host>>, interval: Nanos) {
         (self.next, self.interval, self.expired) = (first, interval, 0);
     }
 
-    /// When it expires next.
+    /// The instant of the next expiry.
     pub fn next(&self) -> Option<Time<Host>> {
         self.next
     }
 
-    /// Its interval; 0: it expires once.
+    /// Its interval; 0 means that it expires once.
     pub fn interval(&self) -> Nanos {
         self.interval
     }
 
-    /// It is `now`; gives how often it expired by this.
+    /// Lets the timer expire up to `now`. Returns the number of expiries.
     pub fn fire(&mut self, now: Time<Host>) -> u64 {
         let Some(next) = self.next.filter(|next| *next <= now) else { return 0 };
         let mut times = 1;
@@ -40,12 +40,12 @@ impl Timer {
         times
     }
 
-    /// What a read gives: how often it expired since the last one. `None`: not at all.
+    /// The result of a read: the number of expiries since the last read. `None` if there were none.
     pub fn take(&mut self) -> Option<u64> {
         Some(std::mem::take(&mut self.expired)).filter(|times| *times > 0)
     }
 
-    /// A read would give something.
+    /// Whether a read would return a value.
     pub fn is_readable(&self) -> bool {
         self.expired > 0
     }

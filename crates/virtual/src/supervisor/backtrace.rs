@@ -1,5 +1,5 @@
-//! Where a thread is: the instruction that it is at, and as far as frame pointers lead, those that
-//! called it.
+//! The position of a thread: its present instruction and, as far as frame pointers lead, its
+//! callers.
 
 use std::fs;
 use std::path::Path;
@@ -8,22 +8,22 @@ use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
 use crate::sys;
 
-/// Callers that are told.
+/// Largest number of callers in a backtrace.
 const MOST_CALLERS: usize = 16;
-/// Programs and libraries above this are not read for their symbols, bytes.
+/// Programs and libraries larger than this are not searched for symbols, bytes.
 const LARGEST: u64 = 1 << 29;
 
-/// Part of a process's memory that holds instructions of a file.
+/// A part of a process's memory that maps instructions of a file.
 struct Mapping {
     from: u64,
     to: u64,
-    /// Where in the file it begins.
+    /// Offset of the part in the file.
     offset: u64,
     path: String,
 }
 
-/// The places at which a running thread is, innermost first: `function+0x12 (file)`, or the address
-/// where nothing is known. Empty where the machine does not let it be looked at.
+/// The positions of a running thread, innermost first: `function+0x12 (file)`, or the address
+/// without a symbol. Empty if the machine does not allow the thread to be inspected.
 pub(super) fn places(process: i32, thread: i32) -> Vec<String> {
     let Ok(registers) = sys::registers(thread) else { return Vec::new() };
     let mappings = mappings(process);
@@ -37,7 +37,7 @@ pub(super) fn places(process: i32, thread: i32) -> Vec<String> {
         let word =
             |at: usize| words[at..].first_chunk().map_or(0, |word| u64::from_ne_bytes(*word));
         let (next, back) = (word(0), word(8));
-        // A register that is used for something else leads nowhere, or back.
+        // A register in other use does not lead to a caller, or leads back.
         if next <= frame || find(&mappings, back).is_none() {
             break;
         }
@@ -77,7 +77,7 @@ fn tell(mappings: &[Mapping], address: u64) -> String {
     }
 }
 
-/// The function of a file in which a byte of it stands, and how far behind its beginning.
+/// The function of a file that contains this byte, and the offset in the function.
 fn function(path: &str, place: u64) -> Option<(String, u64)> {
     if fs::metadata(path).ok()?.len() > LARGEST {
         return None;

@@ -1,5 +1,5 @@
-//! The processor's counter: reading it is an instruction and no call, so it can't be answered from
-//! virtual time. A program whose code does so is told of.
+//! The processor's time stamp counter: reading it is an instruction and not a call, so it cannot be
+//! answered from virtual time. Programs whose code reads it are reported.
 
 use std::fs::File;
 
@@ -9,14 +9,15 @@ use object::{Object, ObjectSection, ReadCache, SectionKind};
 
 /// `RDTSC`.
 const READS: [u8; 2] = [0x0F, 0x31];
-/// `shl rdx, 32`: what compilers put behind it, to join both halves of the count. Two bytes alone
-/// stand in any code by chance.
+/// `shl rdx, 32`: compilers put it behind the read to join both halves of the count. The two bytes
+/// of `RDTSC` alone occur in any code by chance.
 const JOINS: [u8; 4] = [0x48, 0xC1, 0xE2, 0x20];
-/// Bytes between the two, at most.
+/// Largest number of bytes between the two instructions.
 const BETWEEN: usize = 12;
 
-/// Whether the code of the program that a process runs has such an instruction, as far as its file
-/// shows. Its libraries are not looked at: the C library's loader has one, and needs it not.
+/// Whether the code of the program that a process runs reads the counter, as far as its file shows.
+/// Libraries are not searched: the C library's loader contains the instruction but does not need
+/// it.
 pub(super) fn is_read_by(process: i32) -> bool {
     let Ok(file) = File::open(format!("/proc/{process}/exe")) else { return false };
     let cache = ReadCache::new(file);

@@ -1,7 +1,7 @@
-//! Which system calls stop a thread: the filter of a program.
+//! The filter of a program: the system calls that stop a thread.
 
-/// Those that neither take time, nor wait, nor tell of the real machine: the kernel does them
-/// without a stop.
+/// Calls that take no time, do not wait, and tell nothing of the real machine: the kernel executes
+/// them without a stop.
 const HARMLESS: &[i64] = &[
     libc::SYS_stat,
     libc::SYS_fstat,
@@ -87,7 +87,7 @@ const HARMLESS: &[i64] = &[
     libc::SYS_capset,
     libc::SYS_rt_sigaction,
     libc::SYS_rt_sigpending,
-    // A signal that it lets through comes to the calling thread alone.
+    // A signal that this unblocks is delivered to the calling thread only.
     libc::SYS_rt_sigprocmask,
     libc::SYS_rt_sigreturn,
     libc::SYS_sigaltstack,
@@ -103,7 +103,7 @@ const HARMLESS: &[i64] = &[
     libc::SYS_getresuid,
 ];
 
-/// Those that a MainDevice makes in each cycle: they are looked for first.
+/// The calls that a MainDevice makes in each cycle; the filter tests them first.
 const FREQUENT: &[i64] = &[
     libc::SYS_clock_gettime,
     libc::SYS_clock_nanosleep,
@@ -122,16 +122,16 @@ const ALLOW: u32 = 0x7FFF_0000;
 const NOTIFY: u32 = 0x7FC0_0000;
 /// `AUDIT_ARCH_X86_64`.
 pub(super) const X86_64: u32 = 0xC000_003E;
-/// Offset of the architecture in what a filter sees; the number stands at 0.
+/// Offset of the architecture in the data of a filter; the number of the call is at 0.
 const ARCHITECTURE: u32 = 4;
 
-/// The filter: all calls but the harmless ones stop their thread, and so do all of another
+/// The filter: all calls except the harmless ones stop their thread, and so do all calls of another
 /// architecture.
 pub(super) fn program() -> Vec<libc::sock_filter> {
     let load = |offset| statement(libc::BPF_LD | libc::BPF_W | libc::BPF_ABS, offset);
     let mut program = vec![
         load(ARCHITECTURE),
-        // Of another architecture: over the jump behind this one, to its answer.
+        // For another architecture, skip the jump behind this one and return its answer.
         libc::sock_filter { jt: 1, jf: 0, ..statement(EQUAL, X86_64) },
         statement(RETURN, NOTIFY),
         load(0),

@@ -1,4 +1,4 @@
-//! The program in a process: its clocks are changed before it makes its first call.
+//! The program in a process: its clocks are patched before its first call.
 
 use std::fs;
 use std::io;
@@ -11,8 +11,8 @@ use crate::kernel::TaskId;
 use crate::sys;
 
 impl Supervisor<'_> {
-    /// Looks at a program that may have been replaced, before its first call is answered. `false`:
-    /// the thread goes on already.
+    /// Checks whether the program was replaced, before its first call is answered. `false`: the
+    /// thread already runs again.
     pub(super) fn prepare_image(&mut self, task: TaskId) -> io::Result<bool> {
         let call = self.thread(task).call;
         if call.number == libc::SYS_close && self.process(task).under.is_some() {
@@ -24,7 +24,7 @@ impl Supervisor<'_> {
         self.process(task).prepared = true;
         let number = self.process(task).number;
         let Some(vdso) = fresh_vdso(number)? else {
-            // It was not replaced after all.
+            // The program was not replaced after all.
             return Ok(true);
         };
         self.new_image(task);
@@ -57,8 +57,8 @@ impl Supervisor<'_> {
         Ok(true)
     }
 
-    /// A process that was made by `vfork` has a program of its own: its parent goes on at this
-    /// moment, and is waited for.
+    /// A process that was made by `vfork` now has its own program: its parent continues at this
+    /// moment, and its next call is awaited.
     pub(super) fn let_parent_run(&mut self, task: TaskId) -> io::Result<()> {
         let is_exec = self.thread(task).call.number == libc::SYS_execve;
         let process = self.process(task);
@@ -76,14 +76,15 @@ impl Supervisor<'_> {
         Ok(())
     }
 
-    /// A thread runs again that nobody let go on; it may have made its next call already.
+    /// Notes that a thread runs again without a reply from here; it may have made its next call
+    /// already.
     pub(super) fn run_unless_stopped(&mut self, task: TaskId) {
         if !self.thread(task).stopped {
             self.scheduler.run(task);
         }
     }
 
-    /// The program mapped the clock's page: its own instructions come back.
+    /// The program has mapped the clock's page: restores the program's own instructions.
     fn page_mapped(&mut self, task: TaskId) -> io::Result<()> {
         let call = self.thread(task).call;
         let number = self.process(task).number;
@@ -99,7 +100,7 @@ impl Supervisor<'_> {
         Ok(())
     }
 
-    /// Another program runs in the process: what it does not inherit goes.
+    /// Another program runs in the process: removes what it does not inherit.
     fn new_image(&mut self, task: TaskId) {
         self.replaced_by(task);
         let process = self.process(task);
@@ -117,7 +118,7 @@ impl Supervisor<'_> {
     }
 }
 
-/// A value that the kernel told the program at its start.
+/// A value that the kernel passed to the program at its start.
 fn auxiliary(process: i32, wanted: libc::c_ulong) -> io::Result<u64> {
     let bytes = fs::read(format!("/proc/{process}/auxv"))?;
     let word = |bytes: &[u8]| bytes.first_chunk().map_or(0, |word| u64::from_ne_bytes(*word));
@@ -127,7 +128,7 @@ fn auxiliary(process: i32, wanted: libc::c_ulong) -> io::Result<u64> {
     found.map(|(_, value)| value).ok_or_else(missing)
 }
 
-/// The vdso of a program, if it is as the kernel mapped it.
+/// The vdso of a program, if it is still as the kernel mapped it.
 fn fresh_vdso(process: i32) -> io::Result<Option<Vdso>> {
     let base = auxiliary(process, libc::AT_SYSINFO_EHDR)?;
     let image = image_of_vdso(process, base)?;
@@ -140,7 +141,7 @@ fn fresh_vdso(process: i32) -> io::Result<Option<Vdso>> {
     Ok((!is_done).then_some(vdso))
 }
 
-/// The bytes of the vdso, as mapped at `base`.
+/// The bytes of the vdso that is mapped at `base`.
 fn image_of_vdso(process: i32, base: u64) -> io::Result<Vec<u8>> {
     let maps = fs::read_to_string(format!("/proc/{process}/maps"))?;
     let range = maps.lines().filter_map(|line| {

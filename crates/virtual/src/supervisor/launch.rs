@@ -1,4 +1,4 @@
-//! Looks at a program before it is started.
+//! Checks a program before it is started.
 
 use std::ffi::{CString, OsStr, OsString};
 use std::fmt;
@@ -18,7 +18,7 @@ pub struct Program {
     arguments: Vec<OsString>,
 }
 
-/// Why a program can't be started.
+/// The reason why a program cannot be started.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Refusal(String);
 
@@ -30,7 +30,7 @@ impl fmt::Display for Refusal {
 
 impl std::error::Error for Refusal {}
 
-/// Scripts that name scripts as their interpreters; the kernel follows no more.
+/// Largest depth of scripts whose interpreters are scripts, as in the kernel.
 const MOST_SCRIPTS: usize = 4;
 /// `e_machine` of x86-64.
 const X86_64: u16 = 62;
@@ -40,7 +40,8 @@ impl Program {
     ///
     /// # Errors
     ///
-    /// It is not there, is no program, may not be executed, or is for another kind of machine.
+    /// The program does not exist, is not a program, is not executable, or is for another kind of
+    /// machine.
     pub fn find(name: &OsStr, arguments: &[OsString]) -> Result<Self, Refusal> {
         let shown = name.to_string_lossy();
         let path = if name.as_bytes().contains(&b'/') {
@@ -110,7 +111,7 @@ fn check(path: &Path, scripts: usize) -> Result<(), Refusal> {
     }
 }
 
-/// Starts it, stopped at its first call.
+/// Starts the program; it stops at its first call.
 pub(super) fn start(program: &Program) -> io::Result<Launched> {
     let text = |text: &OsStr| CString::new(text.as_bytes()).map_err(io::Error::other);
     let arguments: Vec<CString> =
@@ -123,7 +124,7 @@ pub(super) fn start(program: &Program) -> io::Result<Launched> {
         environment.push(text(&pair)?);
     }
     if std::env::var_os("PYTHONHASHSEED").is_none() {
-        // Else the order of what Python keeps in sets differs from run to run.
+        // Otherwise the order of Python's sets would differ from run to run.
         environment.push(text(OsStr::new("PYTHONHASHSEED=0"))?);
     }
     let launched =

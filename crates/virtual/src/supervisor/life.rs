@@ -1,4 +1,4 @@
-//! Threads and processes begin and end.
+//! The start and the end of threads and processes.
 
 use std::fs;
 use std::io;
@@ -12,7 +12,7 @@ use crate::kernel::{Source, TaskId};
 use crate::sys::{self, Reply, Stopped};
 
 impl Supervisor<'_> {
-    /// What has to be done before a thread goes on; whether another thread will come of it.
+    /// Prepares a thread before it continues. Returns whether its call makes another thread.
     pub(super) fn before_release(&mut self, task: TaskId) -> io::Result<bool> {
         let Thread { call, reply, .. } = *self.thread(task);
         if reply != Reply::Continue {
@@ -28,7 +28,7 @@ impl Supervisor<'_> {
         Ok(self.made.is_some())
     }
 
-    /// What a call makes, as its flags say.
+    /// What a call makes, according to its flags.
     fn makes(&self, task: TaskId, call: &Stopped) -> io::Result<Option<Made>> {
         let process = self.processes[self.threads[task.0 as usize].process.0].number;
         let [first, _, _, fourth, ..] = call.arguments;
@@ -54,7 +54,7 @@ impl Supervisor<'_> {
         }))
     }
 
-    /// What follows once a thread has gone on.
+    /// Handles what follows after a thread has continued.
     pub(super) fn after_release(&mut self, task: TaskId) -> io::Result<()> {
         let Thread { call, reply, number, process, .. } = *self.thread(task);
         if reply != Reply::Continue {
@@ -63,7 +63,8 @@ impl Supervisor<'_> {
         match call.number {
             libc::SYS_exit => {
                 let leader = self.processes[process.0].number;
-                // The last thread of a process ends it; a first thread that ends stays until then.
+                // The last thread of a process ends the process; a first thread that ends stays
+                // until then.
                 let alone = self.tasks_of(process).count() == 1;
                 if alone {
                     return self.process_ends(process);
@@ -82,8 +83,8 @@ impl Supervisor<'_> {
         self.scheduler.alive().filter(of)
     }
 
-    /// A thread is no more: those that wait for its end go on, and those whose word changed look
-    /// again.
+    /// Handles the end of a thread: tasks that wait for its end continue, and tasks whose word
+    /// changed check it again.
     pub(super) fn thread_ended(&mut self, task: TaskId) {
         self.futexes.leave(task);
         self.scheduler.end(task);
@@ -91,7 +92,7 @@ impl Supervisor<'_> {
         self.wake_changed_words(space);
     }
 
-    /// A process ends by itself: waits until it is no more.
+    /// A process ends by itself: waits until it does not exist any more.
     fn process_ends(&mut self, process: ProcessId) -> io::Result<()> {
         let number = self.processes[process.0].number;
         let tasks: Vec<TaskId> = self.tasks_of(process).collect();
@@ -101,13 +102,13 @@ impl Supervisor<'_> {
         Ok(())
     }
 
-    /// A process is no more.
+    /// Handles the end of a process.
     pub(super) fn process_ended(&mut self, process: ProcessId) {
         let Process { number, parent, gone, .. } = self.processes[process.0];
         if gone {
             return;
         }
-        // Those that it leaves behind are asked for by nobody.
+        // Its own children lose their parent, so none will ask for them.
         for child in self.processes.iter_mut().filter(|child| child.parent == Some(process)) {
             child.unclaimed = false;
         }
@@ -130,7 +131,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// A signal, the watchdog, or the end of a process: looks what it is.
+    /// Handles an interruption: a signal, the watchdog, or the end of a process.
     pub(super) fn look_around(&mut self) -> io::Result<()> {
         if self.options.stop.load(Ordering::SeqCst) {
             self.end = Some(How::Stopped);
@@ -146,7 +147,7 @@ impl Supervisor<'_> {
             }
         }
         if self.made.is_some() && !self.is_newcomer_there() {
-            // The call that was to make it failed.
+            // The call that should have made the process failed.
             if let Some(task) = self.made.take().and_then(|made| made.waits) {
                 self.run_unless_stopped(task);
             }
@@ -158,8 +159,8 @@ impl Supervisor<'_> {
         Ok(())
     }
 
-    /// One that has been writing for long to the world outside may wait for a reader that is
-    /// another thread of the program.
+    /// A thread that has been writing to the outside for long may wait for a reader that is another
+    /// thread of the program. It then counts as outside.
     fn let_others_run_beside_writers(&mut self) {
         let running: Vec<TaskId> =
             self.scheduler.alive().filter(|task| self.scheduler.is_running(*task)).collect();
@@ -173,7 +174,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// Whether there is a thread or process of the program that has made no call yet.
+    /// Whether a thread or process of the program exists that has not made a call yet.
     fn is_newcomer_there(&self) -> bool {
         self.processes.iter().filter(|process| !process.gone).any(|process| {
             let threads = format!("/proc/{}/task", process.number);
@@ -193,7 +194,7 @@ impl Supervisor<'_> {
         })
     }
 
-    /// Threads that run, in words.
+    /// The running threads, in words.
     fn describe_running(&self) -> Vec<String> {
         let running = self.scheduler.alive().filter(|task| self.scheduler.is_running(*task));
         let place = |task: TaskId| {
@@ -207,7 +208,7 @@ impl Supervisor<'_> {
         running.map(place).collect()
     }
 
-    /// A thread, in words: its name and number.
+    /// A thread in words: its name and number.
     pub(super) fn describe(&self, task: TaskId) -> String {
         let thread = &self.threads[task.0 as usize];
         let process = self.processes[thread.process.0].number;
@@ -215,7 +216,7 @@ impl Supervisor<'_> {
         format!("thread {} ({})", thread.number, name.unwrap_or_default().trim())
     }
 
-    /// A pause in which all wait for the world outside, or for ever.
+    /// Handles a pause in which all threads wait for the outside, or forever.
     pub(super) fn wait_for_the_world_outside(&mut self) -> io::Result<Option<TaskId>> {
         let outside = |task: &TaskId| self.scheduler.is_outside(*task);
         if self.scheduler.alive().any(|task| outside(&task)) {
@@ -249,14 +250,14 @@ impl Supervisor<'_> {
         Ok(None)
     }
 
-    /// Threads and what they wait for, in words.
+    /// The threads and what they wait for, in words.
     fn tell(&self, tasks: &[TaskId]) -> Vec<String> {
         let tell = |task: &TaskId| format!("{}: {}", self.describe(*task), self.waits_for(*task));
         tasks.iter().map(tell).collect()
     }
 
-    /// Whether each thread in the kernel sleeps there until a signal comes. Whoever could send one
-    /// from within waits, too, and no timer is set.
+    /// Whether every thread in the kernel sleeps until a signal comes. A thread of the program that
+    /// could send one waits too, and no timer is set.
     fn waits_for_signals_alone(&self) -> bool {
         let mut outside = self.scheduler.alive().filter(|task| self.scheduler.is_outside(*task));
         outside.all(|task| {
@@ -271,8 +272,8 @@ impl Supervisor<'_> {
 const VFORK: u64 = libc::CLONE_VFORK as u64;
 const MEMORY: u64 = libc::CLONE_VM as u64;
 
-/// How long the kernel may take to end a thread, before it is looked at again and again with
-/// pauses.
+/// Number of checks for the end of a thread without pauses; after that there are pauses between
+/// checks.
 const SPINS: u32 = 1_000;
 
 fn wait_until(is: impl Fn() -> bool) {
@@ -292,22 +293,22 @@ fn sys_call_of(thread: i32) -> Option<i64> {
     text.split_whitespace().next()?.parse().ok()
 }
 
-/// Whether a thread is no more, or is what is left of the first one of a process.
+/// Whether a thread has ended, or is the remainder of the first thread of a process.
 fn is_gone_or_zombie(process: i32, thread: i32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{process}/task/{thread}/stat"));
     let ends = |rest: &str| rest.starts_with(" Z") || rest.starts_with(" X");
     stat.map_or(true, |stat| stat.rsplit(')').next().is_some_and(ends))
 }
 
-/// Whether a process is no more: its last thread has ended, and its parent has been told.
+/// Whether a process has ended: its last thread is gone, and its parent has got the signal.
 ///
-/// The first thread may end before the others, and the kernel sends SIGCHLD once the last one has.
-/// A parent that is looked at before has no signal pending yet, and would be interrupted by it in
-/// one run and not in the next.
+/// The first thread may end before the others; the kernel sends SIGCHLD when the last one ends. A
+/// parent that is checked too early has no pending signal yet. The signal would then interrupt it
+/// in one run and not in the next.
 fn has_ended(process: i32) -> bool {
     let Ok(stat) = fs::read_to_string(format!("/proc/{process}/stat")) else { return true };
-    // Behind the name in parentheses: the state, and 17 fields later the number of threads. The
-    // folder of threads is no way to count: its reader stops at a thread that ends meanwhile.
+    // Behind the name in parentheses are the state and, 17 fields later, the number of threads. The
+    // folder of threads cannot be used to count: its reader stops at a thread that ends meanwhile.
     let mut fields = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
     let is_zombie = matches!(fields.next(), Some("Z" | "X"));
     let threads = fields.nth(16).and_then(|count| count.parse().ok()).unwrap_or(0);
@@ -318,7 +319,7 @@ fn has_ended(process: i32) -> bool {
     ended
 }
 
-/// The process that a thread belongs to, and the parent of that.
+/// The process of a thread, and the parent of that process.
 pub(super) fn group_and_parent(thread: i32) -> Option<(i32, i32)> {
     let status = fs::read_to_string(format!("/proc/{thread}/status")).ok()?;
     let field = |name: &str| {

@@ -1,11 +1,12 @@
 //! Runs a program whose system calls are answered from virtual time.
 //!
-//! Data's way: a call stops its thread, `Supervisor` receives it and lets `calls` answer it, or the
-//! thread waits. When all threads have stopped, the virtual kernel's scheduler names the one to go
-//! on, time is let on to where that one is due, and it gets its answer. `launch` looks at the
-//! program before it is started, `filter` says which calls stop. `program` keeps processes, threads
-//! and their descriptors, `life` lets them begin and end; `image` changes what a program reads its
-//! clocks by, as `vdso` has it. `watchdog` notices what is no call.
+//! The way of the data: a call stops its thread, and `Supervisor` receives it. Then `calls` answers
+//! it, or the thread waits. When all threads have stopped, the virtual kernel's scheduler names the
+//! next thread, time advances to the instant at which that thread is due, and it gets its answer.
+//! `launch` checks the program before it is started, and `filter` defines which calls stop.
+//! `program` keeps processes, threads and their descriptors, `life` handles their start and end.
+//! `image` patches the functions by which a program reads its clocks, which `vdso` defines.
+//! `watchdog` notices events that are not calls.
 
 mod backtrace;
 mod calls;
@@ -38,69 +39,70 @@ pub use crate::sys::Ending;
 use crate::sys::{self, Launched, Listener, Reply, SharedWords, Stopped};
 use crate::wire::{Wire, WireAnswer};
 
-/// How a program is to be run.
+/// The settings for running a program.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// The interfaces that exist for the program, one for each port of the segment.
     pub interfaces: Vec<String>,
-    /// What its calls cost.
+    /// The cost of its calls.
     pub costs: Costs,
-    /// The bad luck of its machine.
+    /// The random delays of its machine.
     pub luck: Luck,
-    /// It is ended at this virtual time after its start; `None`: it ends by itself.
+    /// The virtual time after its start at which it is ended; `None`: it ends by itself.
     pub limit: Option<Nanos>,
-    /// Set from elsewhere: the program is to end now.
+    /// Set by another thread to end the program now.
     pub stop: Arc<AtomicBool>,
 }
 
-/// What became of a program.
+/// The result of running a program.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Ended {
     /// How it ended.
     pub how: How,
     /// Virtual time from its start to its end.
     pub lasted: Nanos,
-    /// What was counted meanwhile.
+    /// Counters of the run.
     pub figures: Figures,
-    /// Calls that were refused, or done otherwise than a kernel would: in words, and how often.
+    /// Calls that were refused, or handled otherwise than in a kernel: in words, with their number.
     pub notes: BTreeMap<String, u64>,
 }
 
 /// How a program ended.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum How {
-    /// By itself.
+    /// The program ended by itself.
     Itself(Ending),
-    /// The time that it was given is over.
+    /// Its time limit was reached.
     Limit,
-    /// It was asked to stop from outside.
+    /// It was stopped by [`Options::stop`].
     Stopped,
-    /// All its threads wait for what nobody will do: who waits for what.
+    /// All its threads wait for something that cannot happen. Each line names a thread and what it
+    /// waits for.
     Deadlock(Vec<String>),
-    /// A thread makes no call: for so long in real time, and where it is.
+    /// A thread makes no call: how long in real time, and its position.
     Spins(Vec<String>),
 }
 
-/// What was counted.
+/// Counters of a run.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Figures {
     /// Calls that stopped a thread.
     pub stops: u64,
-    /// Readings of the clock that stopped none.
+    /// Readings of the clock that did not stop a thread.
     pub readings: u64,
-    /// Times at which another thread went on than the one that had stopped.
+    /// Number of switches to another thread than the one that had stopped.
     pub switches: u64,
     /// Frames that were sent.
     pub sent: u64,
     /// Frames that came back to the host.
     pub received: u64,
-    /// Threads of all processes.
+    /// Number of threads of all processes.
     pub threads: u64,
-    /// Processes.
+    /// Number of processes.
     pub processes: u64,
 }
 
-/// From one look at a segment to the next, at least.
+/// Least time between two updates of the segment.
 const LEAST_LOOK: Nanos = Nanos::micros(1);
 
 /// Virtual time at which a program starts.
@@ -110,7 +112,8 @@ pub const START: Time<Clock> = Time::new(1_000_000_000);
 ///
 /// # Errors
 ///
-/// It could not be started, or the machine does not let it be supervised; then it was not started.
+/// The program could not be started, or the machine does not allow supervision; the program was
+/// then not started.
 pub fn run(program: &Program, options: &Options, wire: &mut dyn Wire) -> io::Result<Ended> {
     sys::adopt_orphans();
     let launched = launch::start(program)?;
@@ -119,7 +122,7 @@ pub fn run(program: &Program, options: &Options, wire: &mut dyn Wire) -> io::Res
     supervisor.end(how?)
 }
 
-/// One program under supervision.
+/// The supervisor of one program.
 struct Supervisor<'w> {
     launched: Launched,
     options: Options,
@@ -129,28 +132,28 @@ struct Supervisor<'w> {
     futexes: Futexes,
     objects: Objects,
     processes: Vec<Process>,
-    /// By their task.
+    /// The threads by task number.
     threads: Vec<Thread>,
-    /// Answers on their way.
+    /// Answers that are under way.
     flying: Vec<WireAnswer>,
-    /// Our copies of the program's descriptors of the world outside.
+    /// Our copies of the program's outside descriptors.
     outside: BTreeMap<ObjectId, OwnedFd>,
-    /// The ends of netlink sockets that are ours, by the program's.
+    /// Our ends of netlink sockets, by the program's end.
     netlinks: BTreeMap<ObjectId, ObjectId>,
-    /// The clocks that timers go by.
+    /// The clocks of the timers.
     timer_clocks: BTreeMap<ObjectId, i32>,
-    /// When the segment was looked at last.
+    /// The instant of the last update of the segment.
     looked: Time<Clock>,
-    /// When the last frame set out, and when the last one is back in a socket.
+    /// The instant at which the last frame was sent, and at which the last one is back in a socket.
     last_sent: Time<Clock>,
     last_back: Time<Clock>,
     page: ClockPage,
-    /// What real-time clocks show beside virtual time, ns since 1970.
+    /// The difference between real-time clocks and virtual time, ns since 1970.
     epoch: u64,
     watchdog: Watchdog,
-    /// A call makes a thread or a process, which has not made a call of its own yet.
+    /// A call makes a thread or a process, which has not made a call yet.
     made: Option<Made>,
-    /// A signal was sent: threads that wait may be interrupted by it.
+    /// A signal was sent, which may interrupt waiting threads.
     signalled: bool,
     /// The thread that ran last.
     last: Option<TaskId>,
@@ -159,27 +162,27 @@ struct Supervisor<'w> {
     notes: BTreeMap<String, u64>,
 }
 
-/// The page that the program's clocks count in.
+/// The page in which the program's clocks count.
 #[derive(Debug)]
 struct ClockPage {
     file: std::fs::File,
     words: SharedWords,
 }
 
-/// What is to become of a call.
+/// The outcome of a call.
 #[derive(Clone, PartialEq, Eq, Debug)]
 enum Outcome {
-    /// It gives this.
+    /// The call returns this.
     Done(i64),
-    /// The kernel does it, at once.
+    /// The kernel executes the call at once.
     Pass,
-    /// The kernel does it, and that may take real time.
+    /// The kernel executes the call, which may take real time.
     Outside,
-    /// The thread waits, and the call is tried again.
+    /// The thread waits, and the call is tried again later.
     Wait(Time<Clock>, Vec<Source>),
 }
 
-/// An error number of a call.
+/// The error number of a call.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Errno(i32);
 
@@ -242,7 +245,7 @@ impl<'w> Supervisor<'w> {
         self.scheduler.now()
     }
 
-    /// Serves calls until the program is no more.
+    /// Serves calls until the program has ended.
     fn serve(&mut self) -> io::Result<How> {
         loop {
             self.collect()?;
@@ -254,10 +257,9 @@ impl<'w> Supervisor<'w> {
         }
     }
 
-    /// Waits until no thread runs, and tries the calls at which they stopped.
+    /// Waits until no thread runs, and tries the calls at which the threads stopped.
     fn collect(&mut self) -> io::Result<()> {
-        // A call may let another thread run, as the one does with which a child gets a program of
-        // its own.
+        // A call may let another thread run, for example when a child gets its own program.
         while self.end.is_none() && self.is_any_running() {
             self.collect_once()?;
         }
@@ -273,12 +275,12 @@ impl<'w> Supervisor<'w> {
                     stopped.extend(self.identify(call)?);
                 }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => self.look_around()?,
-                // The thread was killed between its call and now.
+                // The thread was killed after its call.
                 Err(error) if error.raw_os_error() == Some(libc::ENOENT) => self.look_around()?,
                 Err(error) => return Err(error),
             }
         }
-        // What several threads did at the same time is taken in their order, whichever came first.
+        // Calls that several threads made at the same time are handled in the order of the threads.
         stopped.sort_unstable();
         for task in stopped {
             self.begin(task)?;
@@ -290,7 +292,7 @@ impl<'w> Supervisor<'w> {
         self.made.is_some() || self.scheduler.alive().any(|task| self.scheduler.is_running(task))
     }
 
-    /// Which thread made a call; `None`: it is one that is not supervised any more.
+    /// The thread that made a call; `None` if it is not supervised any more.
     fn identify(&mut self, call: Stopped) -> io::Result<Option<TaskId>> {
         self.figures.stops += 1;
         let task = match self.task_of(call.thread) {
@@ -301,10 +303,10 @@ impl<'w> Supervisor<'w> {
             },
         };
         if self.scheduler.is_waiting(task) || self.scheduler.is_answered(task) {
-            // A thread became another one's by replacing the program.
+            // A thread took over another one's number by replacing the program.
             self.replaced_by(task);
         }
-        // It stands still from here on, whatever becomes of its call.
+        // From here on it stands still, whatever its call does.
         self.scheduler.outside(task);
         self.thread(task).call = call;
         self.thread(task).stopped = true;
@@ -325,7 +327,7 @@ impl<'w> Supervisor<'w> {
         Ok(())
     }
 
-    /// Notes what became of a call.
+    /// Stores the answer of a call.
     fn settle(&mut self, task: TaskId, answer: Answer) {
         let reply = match answer {
             Ok(Outcome::Wait(until, sources)) => return self.scheduler.wait(task, until, &sources),
@@ -342,7 +344,8 @@ impl<'w> Supervisor<'w> {
         self.scheduler.answered(task);
     }
 
-    /// Lets time go on until a thread may; gives it. `None`: something else happened.
+    /// Advances time until a thread may run, and returns that thread. `None`: something else
+    /// happened.
     fn choose(&mut self) -> io::Result<Option<TaskId>> {
         if std::mem::take(&mut self.signalled) {
             self.interrupt_by_signals();
@@ -388,12 +391,12 @@ impl<'w> Supervisor<'w> {
         }
     }
 
-    /// When the program is ended at the latest.
+    /// The instant at which the program is ended at the latest.
     fn limit_of_program(&self) -> Time<Clock> {
         self.options.limit.map_or(Time::NEVER, |limit| START + limit)
     }
 
-    /// When the world does something next: a frame is back, a timer expires.
+    /// The next event of the environment: a frame is back, or a timer expires.
     fn next_event(&self) -> Time<Clock> {
         let frames = self.flying.iter().map(|answer| answer.at);
         let timers = self.processes.iter().filter_map(Process::next_timer);
@@ -401,7 +404,7 @@ impl<'w> Supervisor<'w> {
         all.min().unwrap_or(Time::NEVER)
     }
 
-    /// What happened to the machine begins to count.
+    /// Applies the new faults of the machine.
     pub(super) fn suffer(&mut self) {
         for fault in self.wire.take_machine_faults() {
             if let MachineFault::ClockJump(by) = fault {
@@ -412,15 +415,15 @@ impl<'w> Supervisor<'w> {
         }
     }
 
-    /// When the segment wants to be looked at next, if time goes on at all: that alone is no reason
-    /// for it. It may want it again at once, and gets it a little later: else time would stand
-    /// still.
+    /// The next instant at which the segment needs an update. It alone is no reason to advance
+    /// time. If the segment asks for the same instant again it gets a slightly later one, since
+    /// time would otherwise stand still.
     fn next_look(&self) -> Option<Time<Clock>> {
         let due = self.wire.next_timeout(self.looked)?;
         Some(due.max(self.looked + LEAST_LOOK))
     }
 
-    /// What is due by now happens.
+    /// Handles everything that is due by now.
     fn fire(&mut self) {
         let now = self.now();
         while let Some(place) = self.first_back(now) {
@@ -447,7 +450,7 @@ impl<'w> Supervisor<'w> {
         }
     }
 
-    /// Lets a thread go on with the answer to its call.
+    /// Continues a thread with the answer to its call.
     fn release(&mut self, task: TaskId) -> io::Result<()> {
         if self.last.replace(task) != Some(task) {
             self.figures.switches += 1;
@@ -466,21 +469,21 @@ impl<'w> Supervisor<'w> {
         self.page.words.set(word::LIMIT, limit.count());
         match self.listener().reply(call.id, reply) {
             Ok(()) => {}
-            // It was killed meanwhile.
+            // The thread was killed meanwhile.
             Err(error) if error.raw_os_error() == Some(libc::ENOENT) => {}
             Err(error) => return Err(error),
         }
         self.after_release(task)
     }
 
-    /// Until when a thread may read the clock without anybody else being due.
+    /// The instant until which a thread may read the clock, because nothing else is due before.
     fn limit(&self, task: TaskId) -> Time<Clock> {
         let limit = self.limit_of_program();
         let look = self.next_look().unwrap_or(Time::NEVER);
         self.scheduler.next_other(task).min(self.next_event()).min(look).min(limit)
     }
 
-    /// The program let time go on by itself.
+    /// Takes over the time that the program itself has advanced.
     fn take_time_from_page(&mut self) {
         self.scheduler.advance(Time::new(self.page.words.get(word::NOW)));
     }
@@ -498,7 +501,7 @@ impl<'w> Supervisor<'w> {
         &mut self.processes[place]
     }
 
-    /// Ends what is left of the program.
+    /// Ends the remaining threads of the program.
     fn end(mut self, how: How) -> io::Result<Ended> {
         self.take_time_from_page();
         self.kill_all();

@@ -12,28 +12,28 @@ use super::{Errno, Outcome, Supervisor};
 use crate::kernel::{ObjectId, Source, TaskId, Timer};
 use crate::sys::{self, Reply, Stopped};
 
-/// A process, by its place.
+/// The index of a process.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct ProcessId(pub usize);
 
-/// A thread of it.
+/// A thread of a process.
 #[derive(Debug)]
 pub(super) struct Thread {
-    /// Its number, as the kernel gave it.
+    /// The number that the kernel gave it.
     pub number: i32,
     pub process: ProcessId,
-    /// The call at which it stands.
+    /// The call at which it stopped.
     pub call: Stopped,
-    /// It stands there, and is not in the kernel.
+    /// Whether it is stopped, and not in the kernel.
     pub stopped: bool,
     pub reply: Reply,
     /// Its call will take real time.
     pub goes_outside: bool,
-    /// Until when its call waits.
+    /// The end of its call's wait.
     pub until: Time<Clock>,
-    /// Where the kernel writes 0 when it ends, for those that wait for that.
+    /// The address at which the kernel writes 0 when it ends, for tasks that wait for that.
     pub clear_at_end: u64,
-    /// A signal wants it back from its wait.
+    /// A signal interrupts its wait.
     pub interrupted: bool,
 }
 
@@ -42,35 +42,34 @@ pub(super) struct Thread {
 pub(super) struct Process {
     pub number: i32,
     pub parent: Option<ProcessId>,
-    /// Its memory: two processes that share it have the same.
+    /// The number of its memory; processes that share memory have the same number.
     pub space: u64,
-    /// What its descriptors stand for, as far as the virtual kernel keeps it.
+    /// The objects of its descriptors, as far as the virtual kernel has them.
     pub descriptors: BTreeMap<i32, Descriptor>,
     pub timers: Vec<OwnTimer>,
-    /// Its program was looked at since it was replaced last.
+    /// Its program was checked since it was last replaced.
     pub prepared: bool,
-    /// The bytes that have to be put back once the clock's page is mapped: address and bytes.
+    /// The original bytes, to be restored once the clock's page is mapped: address and bytes.
     pub under: Option<Patch>,
     pub gone: bool,
-    /// It has ended and its parent has not asked for it yet.
+    /// It has ended, and its parent has not asked for it yet.
     pub unclaimed: bool,
-    /// The thread that waits in the kernel until this process has a program of its own, as of
-    /// `vfork`.
+    /// The thread that waits in the kernel until this process has its own program, after `vfork`.
     pub stands_for: Option<TaskId>,
 }
 
 /// A call that makes a thread or a process.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Made {
-    /// Where the kernel writes 0 when it ends; 0: nowhere.
+    /// The address at which the kernel writes 0 when it ends; 0: nowhere.
     pub clear_at_end: u64,
-    /// It is a process that uses its parent's memory.
+    /// Whether it is a process that uses its parent's memory.
     pub shares_memory: bool,
-    /// The thread that stands still until the new process has a program of its own.
+    /// The thread that stands still until the new process has its own program.
     pub waits: Option<TaskId>,
 }
 
-/// A descriptor of an object.
+/// A descriptor that stands for an object.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Descriptor {
     pub object: ObjectId,
@@ -83,12 +82,12 @@ pub(super) struct OwnTimer {
     /// Its number; -1 is the one of `setitimer` and `alarm`.
     pub id: i32,
     pub timer: Timer,
-    /// 0: none.
+    /// The signal; 0: none.
     pub signal: i32,
     pub value: u64,
-    /// The thread that gets it; `None`: any.
+    /// The thread that gets the signal; `None`: any.
     pub thread: Option<i32>,
-    /// Clock of its creation.
+    /// The clock with which it was created.
     pub clock: i32,
 }
 
@@ -119,14 +118,14 @@ impl Supervisor<'_> {
             space: number as u64,
             descriptors,
             timers: Vec::new(),
-            // A copy of its parent has what that one has.
+            // A copy of its parent has the parent's patches.
             prepared: parent.is_some(),
             under: None,
             gone: false,
             unclaimed: false,
             stands_for: None,
         };
-        // The place of one of which nobody asks any more is used again.
+        // The slot of a process that no parent asks for any more is used again.
         let is_parent = |place: usize| {
             let of = |process: &Process| !process.gone && process.parent == Some(ProcessId(place));
             self.processes.iter().any(of)
@@ -168,7 +167,7 @@ impl Supervisor<'_> {
         self.scheduler.alive().find(|task| self.threads[task.0 as usize].number == number)
     }
 
-    /// A thread makes its first call: of a process that is known, or of a new one.
+    /// Registers a thread that makes its first call: of a known process, or of a new one.
     pub(super) fn newcomer(&mut self, number: i32) -> io::Result<Option<TaskId>> {
         let Some((group, parent)) = group_and_parent(number) else { return Ok(None) };
         let made = self.made.take();
@@ -196,8 +195,8 @@ impl Supervisor<'_> {
         Ok(Some(task))
     }
 
-    /// A thread replaced the program, and goes on as the first of its process: all others are no
-    /// more.
+    /// A thread replaced the program and continues as the first thread of its process; all others
+    /// have ended.
     pub(super) fn replaced_by(&mut self, task: TaskId) {
         let process = self.threads[task.0 as usize].process;
         let others: Vec<TaskId> = self
@@ -212,12 +211,12 @@ impl Supervisor<'_> {
         self.futexes.leave(task);
     }
 
-    /// What a descriptor of the calling process stands for.
+    /// The object of a descriptor of the calling process.
     pub(super) fn object(&mut self, task: TaskId, number: u64) -> Option<ObjectId> {
         self.process(task).descriptors.get(&(number as i32)).map(|descriptor| descriptor.object)
     }
 
-    /// Gives the calling process a descriptor for an object.
+    /// Installs a descriptor for an object in the calling process.
     pub(super) fn install(
         &mut self,
         task: TaskId,
@@ -240,7 +239,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// A descriptor of the calling process stands for nothing of ours any more.
+    /// Removes the object of a descriptor of the calling process.
     pub(super) fn forget_descriptor(&mut self, task: TaskId, number: i32) {
         if let Some(descriptor) = self.process(task).descriptors.remove(&number) {
             self.release_object(descriptor.object);
@@ -261,14 +260,14 @@ impl Supervisor<'_> {
         self.touch(&changed);
     }
 
-    /// Timers that send signals expire.
+    /// Lets timers that send signals expire.
     pub(super) fn fire_process_timers(&mut self, now: Time<Clock>) {
         for place in 0..self.processes.len() {
             let process = &mut self.processes[place];
             let number = process.number;
             for own in &mut process.timers {
                 if own.timer.fire(now) > 0 && own.signal != 0 {
-                    // One that has no room for another signal counts an overrun, as in a kernel.
+                    // If the queue of signals is full, the timer counts an overrun, as in a kernel.
                     let _ =
                         sys::send_timer_signal(number, own.thread, own.signal, own.id, own.value);
                     self.signalled = true;
@@ -278,7 +277,7 @@ impl Supervisor<'_> {
     }
 }
 
-/// From an instant to a span for the program: 0 if it is over.
+/// The time left until an instant, for the program; 0 if it is in the past.
 pub(super) fn left(until: Time<Clock>, now: Time<Clock>) -> Nanos {
     (until - now).max(Nanos::ZERO)
 }

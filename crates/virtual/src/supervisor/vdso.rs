@@ -2,60 +2,60 @@
 //!
 //! The kernel maps a small library into each program, the vdso, whose functions read the real
 //! clock. They are overwritten: each makes the system call of its name, which stops at the
-//! supervisor. Reading the clock is the most frequent call of all, so `clock_gettime` gets more: a
-//! page that program and supervisor share holds virtual time, and as long as no other thread is
-//! due, the program itself lets it go on by the cost of the call.
+//! supervisor. Reading the clock is the most frequent call, so `clock_gettime` is faster: a page
+//! that program and supervisor share holds virtual time. As long as no other thread is due, the
+//! program itself advances it by the cost of the call.
 //!
-//! Nothing but the program can map that page into its memory. So at one of its first calls, the
-//! instructions behind that call are replaced by a jump into code that stands where `clock_gettime`
-//! stood: it maps the page, closes the descriptor, and jumps back. The supervisor sees the
-//! descriptor closed and puts the instructions back.
+//! Only the program can map that page into its memory. So at one of its first calls, the
+//! instructions behind that call are replaced by a jump into code at the place of `clock_gettime`.
+//! The code maps the page, closes the descriptor, and jumps back. The supervisor sees that the
+//! descriptor is closed and restores the instructions.
 
 use object::read::elf::{ElfFile64, FileHeader};
 use object::{Endianness, Object, ObjectSymbol};
 
-/// Where the shared page lies in every program.
+/// Address of the shared page in every program.
 pub(super) const PAGE: u64 = 0x2000_0000_0000;
 /// The number of its descriptor while it is being mapped.
 pub(super) const PAGE_DESCRIPTOR: u32 = 1_000;
-/// Real-time clocks count from 1970: virtual time zero is 2026-01-01 00:00 UTC, until a fault lets
+/// Real-time clocks count from 1970: virtual time zero is 2026-01-01 00:00 UTC, until a fault makes
 /// them jump.
 pub(super) const EPOCH: u64 = 1_767_225_600_000_000_000;
 
-/// Words of the shared page.
+/// Indices of the words of the shared page.
 pub(super) mod word {
     /// Virtual time, ns.
     pub const NOW: usize = 0;
-    /// From this time on the call is made.
+    /// From this time on the system call is made.
     pub const LIMIT: usize = 1;
-    /// What a reading costs, ns.
+    /// Cost of a reading, ns.
     pub const COST: usize = 2;
-    /// Readings without a stop, so far.
+    /// Number of readings without a stop so far.
     pub const READINGS: usize = 3;
-    /// What real-time clocks show beside virtual time, ns.
+    /// Difference between real-time clocks and virtual time, ns.
     pub const EPOCH: usize = 4;
 }
 
-/// What is to be written where.
+/// Bytes to be written at an address.
 #[derive(Debug)]
 pub(super) struct Patch {
     pub address: u64,
     pub bytes: Vec<u8>,
 }
 
-/// The vdso of a program, as it lies at `base`.
+/// The vdso of a program that is mapped at `base`.
 #[derive(Debug)]
 pub(super) struct Vdso {
-    /// The functions that tell of the real machine: address and size in the image, and the call of
-    /// each. None for those that only say that they don't know.
+    /// The functions that show the real machine: address and size in the image, and the call of
+    /// each. `None` for functions that only return `ENOSYS`.
     functions: Vec<(u64, u64, Option<i64>)>,
-    /// Where `clock_gettime` stands in the image, and how much room there is.
+    /// Address of `clock_gettime` in the image, and the space available there.
     clock: Option<(u64, usize)>,
     base: u64,
 }
 
 impl Vdso {
-    /// Reads the image that lies at `base`.
+    /// Reads the image that is mapped at `base`.
     pub(super) fn parse(base: u64, image: &[u8]) -> Option<Self> {
         let file = ElfFile64::<Endianness>::parse(image).ok()?;
         let is_64_bit = file.elf_header().is_class_64();
@@ -79,7 +79,7 @@ impl Vdso {
         clock.is_some().then_some(Self { functions, clock, base })
     }
 
-    /// Makes every function a system call.
+    /// The patches that make every function a system call.
     pub(super) fn patches(&self) -> Vec<Patch> {
         let patch = |(address, _, number): &(u64, u64, Option<i64>)| Patch {
             address: self.base + address,
@@ -88,14 +88,15 @@ impl Vdso {
         self.functions.iter().map(patch).collect()
     }
 
-    /// The address of `clock_gettime`, by whose first bytes one sees whether this was done.
+    /// The address of `clock_gettime` and its patched first bytes, which show whether the vdso was
+    /// patched.
     pub(super) fn first(&self) -> (u64, Vec<u8>) {
         let (address, _) = self.clock.unwrap_or_default();
         (self.base + address, call(libc::SYS_clock_gettime))
     }
 
-    /// The clock that counts in the shared page, and the address to jump to so that it is mapped:
-    /// then goes on at `back`. `None`: there is no room for it.
+    /// The clock that counts in the shared page, and the address of the code that maps the page and
+    /// then jumps to `back`. `None`: there is not enough space for it.
     pub(super) fn counting_clock(&self, back: u64) -> Option<(Patch, u64)> {
         let (address, room) = self.clock?;
         let (mut bytes, stub) = counting_clock_code();
@@ -106,7 +107,8 @@ impl Vdso {
         (patch.bytes.len() <= room.max(self.room_behind())).then_some((patch, address + stub))
     }
 
-    /// From `clock_gettime` to the next function that is used, or the end of the image's page.
+    /// The space from `clock_gettime` to the next function in use, or to the end of the image's
+    /// page.
     fn room_behind(&self) -> usize {
         let Some((clock, size)) = self.clock else { return 0 };
         let others = self.functions.iter().map(|(address, ..)| *address);
@@ -115,7 +117,7 @@ impl Vdso {
     }
 }
 
-/// A jump to an address, by a register that calls destroy anyway.
+/// A jump to an address, through a register that calls overwrite anyway.
 pub(super) fn jump(to: u64) -> Vec<u8> {
     // mov r11, to; jmp r11
     let mut bytes = vec![0x49, 0xBB];
@@ -129,7 +131,7 @@ pub(super) fn is_counting(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x49, 0xB8])
 }
 
-/// The function that makes a system call.
+/// A function that makes a system call.
 fn call(number: i64) -> Vec<u8> {
     // mov eax, number; syscall; ret
     let mut bytes = vec![0xB8];
@@ -138,7 +140,7 @@ fn call(number: i64) -> Vec<u8> {
     bytes
 }
 
-/// The function that says `ENOSYS`.
+/// A function that returns `ENOSYS`.
 fn refusal() -> Vec<u8> {
     let mut bytes = vec![0xB8];
     bytes.extend((-libc::ENOSYS).to_le_bytes());
@@ -149,12 +151,12 @@ fn refusal() -> Vec<u8> {
 /// Length of the jump at the end of the code below.
 const LAST_JUMP: usize = 13;
 
-/// `clock_gettime` with the shared page, and behind it what maps that page: all bytes, and where
-/// the second part begins.
+/// `clock_gettime` with the shared page, followed by the code that maps that page. Returns all
+/// bytes, and the offset of the second part.
 fn counting_clock_code() -> (Vec<u8>, u64) {
     let page = PAGE.to_le_bytes();
     let mut code = Vec::new();
-    // The clock: rdi is which, rsi is where to.
+    // The clock: rdi is the clock's number, rsi the address of the result.
     code.extend([0x49, 0xB8]); // movabs r8, page
     code.extend(page);
     code.extend([0x49, 0x8B, 0x00]); // mov rax, [r8]          now
@@ -191,7 +193,7 @@ fn counting_clock_code() -> (Vec<u8>, u64) {
     [to_call, beyond, process, thread, none].into_iter().for_each(|jump| jump.lands(&mut code));
     code.extend(call(libc::SYS_clock_gettime));
     let stub = code.len() as u64;
-    // The stub: all registers but r11 and rcx, which calls destroy, stay as they are.
+    // The stub keeps all registers except r11 and rcx, which calls overwrite.
     code.extend([0x48, 0x8D, 0x64, 0x24, 0x80]); // lea rsp, [rsp-128]: below the red zone
     let saved =
         [[0x50].as_slice(), &[0x57], &[0x56], &[0x52], &[0x41, 0x52], &[0x41, 0x50], &[0x41, 0x51]];
@@ -217,7 +219,7 @@ fn counting_clock_code() -> (Vec<u8>, u64) {
     (code, stub)
 }
 
-/// A short jump ahead whose aim comes later.
+/// A short forward jump whose target is set later.
 struct Jump(usize);
 
 impl Jump {
@@ -226,7 +228,7 @@ impl Jump {
         Self(code.len())
     }
 
-    /// It goes to where the code ends now.
+    /// Sets the target to the present end of the code.
     fn lands(self, code: &mut [u8]) {
         let distance = code.len() - self.0;
         assert!(distance < 128, "a short jump reaches 127 bytes");

@@ -1,4 +1,4 @@
-//! Looks after the supervisor from outside: it waits for calls, and some things are no calls.
+//! Interrupts the supervisor, which waits for calls, when an event is not a call.
 
 use std::fs;
 use std::io;
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::sys::Interrupter;
 
-/// A thread that interrupts the supervisor where a process has ended without a call, and where the
+/// A thread that interrupts the supervisor when a process has ended without a call, or when the
 /// program makes no call for too long.
 #[derive(Debug)]
 pub(super) struct Watchdog {
@@ -19,22 +19,22 @@ pub(super) struct Watchdog {
 
 #[derive(Debug, Default)]
 struct Shared {
-    /// Goes up with every call.
+    /// Increments with every call.
     calls: AtomicU64,
     stuck: AtomicBool,
     ends: AtomicBool,
-    /// The processes that are looked at.
+    /// The processes that are watched.
     processes: Mutex<Vec<i32>>,
 }
 
-/// A program that makes no call for so long, although nothing keeps it from running, spins. It is
-/// measured in what it ran itself, so that a busy machine does it no wrong.
+/// A program that makes no call for this long, although it could run, spins. The time is the CPU
+/// time of the program, so a busy machine does not cause a false alarm.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// How often processes are looked at.
+/// Interval of the checks.
 const LOOK: Duration = Duration::from_millis(50);
 
 impl Watchdog {
-    /// Looks after the calling thread.
+    /// Watches for the calling thread.
     pub(super) fn new(first: i32) -> io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let (mine, whom) = (Arc::clone(&shared), Interrupter::of_this_thread());
@@ -43,23 +43,23 @@ impl Watchdog {
         Ok(Self { shared, thread: Some(thread) })
     }
 
-    /// A call came.
+    /// Notes that a call came.
     pub(super) fn alive(&self) {
         self.shared.calls.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// No call has come for too long.
+    /// Whether no call has come for too long.
     pub(super) fn is_stuck(&self) -> bool {
         self.shared.stuck.load(Ordering::SeqCst)
     }
 
-    /// A process is looked at from now on.
+    /// Watches a process from now on.
     pub(super) fn watch(&self, process: i32) -> io::Result<()> {
         self.processes().push(process);
         Ok(())
     }
 
-    /// A process has ended, and that is known.
+    /// Stops watching a process whose end is known.
     pub(super) fn forget(&self, process: i32) {
         self.processes().retain(|other| *other != process);
     }
@@ -74,7 +74,7 @@ impl Drop for Watchdog {
         self.shared.ends.store(true, Ordering::SeqCst);
         if let Some(thread) = self.thread.take() {
             thread.thread().unpark();
-            // It holds nothing that could fail.
+            // The thread holds nothing that could fail.
             let _ = thread.join();
         }
     }
@@ -99,7 +99,8 @@ fn watch(shared: &Shared, whom: Interrupter, first: i32) {
             shared.stuck.store(true, Ordering::SeqCst);
             whom.interrupt();
         } else if at.elapsed() >= LOOK * 2 {
-            // A call that was to make a thread may have failed, or somebody wants an end.
+            // A call that should have made a thread may have failed, or the program is to be
+            // stopped.
             whom.interrupt();
         }
     }
@@ -115,8 +116,7 @@ fn has_ended(process: i32) -> bool {
     stat(process).is_none_or(|rest| rest.starts_with('Z') || rest.starts_with('X'))
 }
 
-/// How long a process has run on processors: user's and system's time, in the ticks of 10 ms that
-/// the kernel tells.
+/// CPU time of a process, of user and system, in the kernel's ticks of 10 ms.
 fn cpu_time(process: i32) -> Duration {
     let rest = stat(process).unwrap_or_default();
     let ticks = rest.split(' ').skip(11).take(2).filter_map(|ticks| ticks.parse::<u64>().ok());

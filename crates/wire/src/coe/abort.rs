@@ -1,8 +1,8 @@
-//! Why an SDO transfer failed.
+//! The reasons why an SDO transfer failed.
 
 use core::fmt;
 
-/// SDO abort code. The code space is open: unknown codes survive.
+/// SDO abort code. The code space is open, so unknown codes are kept.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct AbortCode(pub u32);
 
@@ -14,7 +14,7 @@ macro_rules! codes {
             /// Every code that this crate knows, in ascending order.
             pub const ALL: &[Self] = &[$(Self::$name),*];
 
-            /// What the code means, in words; `None` for a code this crate does not know.
+            /// The meaning of the code in words; `None` for a code that this crate does not know.
             pub const fn meaning(self) -> Option<&'static str> {
                 match self.0 { $($code => Some($text),)* _ => None }
             }
@@ -61,7 +61,7 @@ codes! {
     0x0800_0024 NO_DATA "no data";
 }
 
-/// `0x06010002 (write of a read-only entry)`
+/// Prints `0x06010002 (write of a read-only entry)`.
 impl fmt::Display for AbortCode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let meaning = self.meaning().unwrap_or("a code of the vendor");

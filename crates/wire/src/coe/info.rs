@@ -3,7 +3,7 @@
 /// Bytes before the data of an information message.
 pub const HEADER_LEN: usize = 4;
 
-/// What is asked or answered. The code space is open.
+/// The kind of an information message. The code space is open.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Opcode(pub u8);
 
@@ -31,7 +31,7 @@ pub struct Header {
     pub opcode: Opcode,
     /// Bit 7: fragments follow.
     pub incomplete: bool,
-    /// Fragments that follow.
+    /// Number of fragments that follow.
     pub fragments_left: u16,
 }
 
@@ -44,20 +44,20 @@ impl Header {
             fragments_left: u16::from_le_bytes([b[2], b[3]]),
         }
     }
-    /// The four bytes.
+    /// Writes the four bytes.
     pub const fn emit(self) -> [u8; HEADER_LEN] {
         let f = self.fragments_left.to_le_bytes();
         [self.opcode.0 & 0x7F | (self.incomplete as u8) << 7, 0, f[0], f[1]]
     }
 }
 
-/// Which objects a list holds.
+/// The kinds of object lists.
 pub mod list_type {
-    /// The five lengths.
+    /// The lengths of the five lists.
     pub const LENGTHS: u16 = 0;
     /// All objects.
     pub const ALL: u16 = 1;
-    /// Objects that can be mapped into a RxPDO.
+    /// Objects that can be mapped into an RxPDO.
     pub const RX_MAPPABLE: u16 = 2;
     /// Objects that can be mapped into a TxPDO.
     pub const TX_MAPPABLE: u16 = 3;
@@ -80,7 +80,7 @@ impl ObjectCode {
     pub const RECORD: Self = Self(9);
 }
 
-/// Who may do what with an entry in which state; the access word of an entry description.
+/// The access rights of an entry in each state; the access word of an entry description.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Access(pub u16);
 
@@ -95,7 +95,7 @@ impl Access {
     pub const WRITE_OP: Self = Self(0x0020);
     /// Write in all three states.
     pub const WRITE: Self = Self(0x0038);
-    /// Mappable into a RxPDO.
+    /// Mappable into an RxPDO.
     pub const RX_MAPPABLE: Self = Self(0x0040);
     /// Mappable into a TxPDO.
     pub const TX_MAPPABLE: Self = Self(0x0080);
@@ -143,7 +143,7 @@ impl ObjectDescription {
             code: ObjectCode(b[5]),
         }
     }
-    /// The bytes before the name.
+    /// Writes the bytes before the name.
     pub const fn emit(&self) -> [u8; Self::LEN] {
         let (i, t) = (self.index.to_le_bytes(), self.data_type.to_le_bytes());
         [i[0], i[1], t[0], t[1], self.max_sub, self.code.0]
@@ -157,11 +157,11 @@ pub struct EntryDescription {
     pub index: u16,
     /// Sub-index.
     pub sub: u8,
-    /// Which optional parts follow: bit 3 unit, 4 default, 5 minimum, 6 maximum.
+    /// Optional parts that follow: bit 3 unit, 4 default, 5 minimum, 6 maximum.
     pub value_info: u8,
     /// Type code; 0 for a gap.
     pub data_type: u16,
-    /// Bits of the value.
+    /// Length of the value in bits.
     pub bits: u16,
     /// Access word.
     pub access: Access,
@@ -181,7 +181,7 @@ impl EntryDescription {
             access: Access(u16::from_le_bytes([b[8], b[9]])),
         }
     }
-    /// The bytes before the optional parts.
+    /// Writes the bytes before the optional parts.
     pub const fn emit(&self) -> [u8; Self::LEN] {
         let i = self.index.to_le_bytes();
         let t = self.data_type.to_le_bytes();

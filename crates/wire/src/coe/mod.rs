@@ -1,8 +1,8 @@
 //! CoE: the object protocol in the mailbox.
 //!
-//! Behind the mailbox header stands a [`Header`] of two bytes that names a [`Service`]. [`sdo`] holds
-//! the transfers of single objects, [`info`] the services that describe the dictionary, [`abort`]
-//! the reasons for which they fail.
+//! The mailbox header is followed by a [`Header`] of two bytes that names a [`Service`]. [`sdo`]
+//! has the transfers of single objects, [`info`] the services that describe the dictionary, and
+//! [`abort`] the reasons for failures.
 
 pub mod abort;
 pub mod info;
@@ -13,7 +13,7 @@ pub use abort::AbortCode;
 /// Bytes of the CoE header.
 pub const HEADER_LEN: usize = 2;
 
-/// What a CoE message is. The code space is open.
+/// The kind of a CoE message. The code space is open.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Service(pub u8);
 
@@ -47,13 +47,13 @@ impl Header {
         let word = u16::from_le_bytes(b);
         Self { number: word & 0x01FF, service: Service((word >> 12) as u8) }
     }
-    /// The two bytes.
+    /// Writes the two bytes.
     pub const fn emit(self) -> [u8; 2] {
         (self.number & 0x01FF | (self.service.0 as u16 & 0xF) << 12).to_le_bytes()
     }
 }
 
-/// The type of an object's entry, by its index in the dictionary. The code space is open.
+/// The data type of an entry, by its index in the dictionary. The code space is open.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct DataType(pub u16);
 
@@ -62,7 +62,7 @@ macro_rules! data_types {
         impl DataType {
             $(#[doc = $text] pub const $name: Self = Self($code);)*
 
-            /// Bits of a value, if the type fixes them.
+            /// Length of a value in bits, if the type has a fixed length.
             pub const fn bits(self) -> Option<u16> {
                 match self.0 {
                     $($code if $bits > 0 => Some($bits),)*

@@ -1,14 +1,16 @@
 //! SDO transfers: the bytes behind the CoE header.
 //!
-//! An initiate message or an abort is eight bytes, [`Initiate`], perhaps with data behind; a segment is one
-//! command byte, [`SegmentCommand`], and data. Data longer than the eight bytes are the caller's.
+//! An initiate message or an abort is eight bytes, [`Initiate`], which data may follow. A segment
+//! is one command byte, [`SegmentCommand`], and data. The caller handles data beyond the eight
+//! bytes.
 
 use super::abort::AbortCode;
 use crate::address::ObjectAddress;
 
 /// Bytes of an initiate or abort message behind the CoE header.
 pub const INITIATE_LEN: usize = 8;
-/// Least data bytes of a segment message: shorter data are padded and counted in the command.
+/// Least number of data bytes in a segment message: shorter data are padded, and the command counts
+/// the padding.
 pub const MIN_SEGMENT_DATA: usize = 7;
 
 /// Bits 7:5 of the command byte.
@@ -38,7 +40,7 @@ pub mod specifier {
 pub struct Command(pub u8);
 
 impl Command {
-    /// Initiate upload request, or with complete access.
+    /// Initiate upload request, optionally with complete access.
     pub const fn upload_request(complete: bool) -> Self {
         Self(0x40 | (complete as u8) << 4)
     }
@@ -69,7 +71,7 @@ impl Command {
     pub const fn specifier(self) -> u8 {
         self.0 >> 5
     }
-    /// Bit 4: the whole object.
+    /// Bit 4: complete access, to the whole object.
     pub const fn complete(self) -> bool {
         self.0 & 0x10 != 0
     }
@@ -81,7 +83,7 @@ impl Command {
     pub const fn size_indicated(self) -> bool {
         self.0 & 0x01 != 0
     }
-    /// Bytes of an expedited message: 4 less the unused ones, or 4 if no size is given.
+    /// Number of bytes of an expedited message: 4 less the unused ones, or 4 if no size is given.
     pub const fn expedited_len(self) -> usize {
         if self.size_indicated() { 4 - (self.0 >> 2 & 3) as usize } else { 4 }
     }
@@ -90,7 +92,7 @@ impl Command {
 /// An initiate message, or an abort.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Initiate {
-    /// What is asked or answered.
+    /// The command that is requested or answered.
     pub command: Command,
     /// The entry.
     pub object: ObjectAddress,
@@ -107,7 +109,7 @@ impl Initiate {
             data: [b[4], b[5], b[6], b[7]],
         }
     }
-    /// The eight bytes.
+    /// Writes the eight bytes.
     pub const fn emit(&self) -> [u8; INITIATE_LEN] {
         let (i, d) = (self.object.index.to_le_bytes(), self.data);
         [self.command.0, i[0], i[1], self.object.sub, d[0], d[1], d[2], d[3]]
@@ -144,7 +146,7 @@ impl SegmentCommand {
     pub const fn specifier(self) -> u8 {
         self.0 >> 5
     }
-    /// Bit 4; starts at 0 with the first segment.
+    /// Bit 4: toggles with each segment, 0 in the first.
     pub const fn toggle(self) -> bool {
         self.0 & 0x10 != 0
     }
@@ -152,8 +154,8 @@ impl SegmentCommand {
     pub const fn last(self) -> bool {
         self.0 & 0x01 != 0
     }
-    /// Data bytes among `available` behind the command: all, but for the unused ones of the shortest
-    /// message.
+    /// Number of data bytes among `available` bytes behind the command: all of them, except the
+    /// unused ones of the shortest message.
     pub const fn data_len(self, available: usize) -> usize {
         if available <= MIN_SEGMENT_DATA {
             available.saturating_sub((self.0 >> 1 & 7) as usize)

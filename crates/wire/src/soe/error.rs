@@ -1,8 +1,8 @@
-//! Why an SoE service failed.
+//! The reasons why an SoE service failed.
 
 use core::fmt;
 
-/// SoE error code. The code space is open: unknown codes survive.
+/// SoE error code. The code space is open, so unknown codes are kept.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct ErrorCode(pub u16);
 
@@ -14,7 +14,7 @@ macro_rules! codes {
             /// Every code that this crate knows, in ascending order.
             pub const ALL: &[Self] = &[$(Self::$name),*];
 
-            /// What the code means, in words; `None` for a code this crate does not know.
+            /// The meaning of the code in words; `None` for a code that this crate does not know.
             pub const fn meaning(self) -> Option<&'static str> {
                 match self.0 { $($code => Some($text),)* _ => None }
             }
@@ -75,11 +75,11 @@ codes! {
 }
 
 impl ErrorCode {
-    /// Bytes on the wire.
+    /// Length on the wire in bytes.
     pub const LEN: usize = 2;
 }
 
-/// `SoE error 0x1001 (the drive does not have this IDN)`
+/// Prints `SoE error 0x1001 (the drive does not have this IDN)`.
 impl fmt::Display for ErrorCode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let meaning = self.meaning().unwrap_or("a code of the vendor");

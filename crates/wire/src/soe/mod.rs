@@ -1,9 +1,9 @@
-//! SoE: the servo drive profile in the mailbox. It reads and writes the parameters of drives, each of which has a
-//! number, its IDN, and several elements such as its name and its value.
+//! SoE: the servo drive profile in the mailbox. It reads and writes the parameters of drives. A
+//! parameter has a number, its IDN, and several elements such as its name and its value.
 //!
-//! A message is a [`Header`] of four bytes, and behind it the elements that it names, in the order of their bits. A
-//! value that is longer than the mailbox goes in fragments, see [`Header::incomplete`]. An [`ErrorCode`] stands
-//! behind the header of a message that is an error.
+//! A message is a [`Header`] of four bytes, followed by the elements that it names, in the order of
+//! their bits. A value that is longer than the mailbox is sent in fragments, see
+//! [`Header::incomplete`]. In an error message an [`ErrorCode`] follows the header.
 
 use core::fmt;
 
@@ -14,18 +14,18 @@ pub use error::ErrorCode;
 /// Bytes of the header.
 pub const HEADER_LEN: usize = 4;
 
-/// What a message is. The code space is open; 7 is reserved.
+/// The kind of a message. The code space is open; 7 is reserved.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Opcode(pub u8);
 
 impl Opcode {
-    /// Elements are asked for.
+    /// Asks for elements.
     pub const READ_REQUEST: Self = Self(1);
-    /// Elements, or why they can't be read.
+    /// Elements, or the reason why they cannot be read.
     pub const READ_RESPONSE: Self = Self(2);
-    /// Elements are written.
+    /// Writes elements.
     pub const WRITE_REQUEST: Self = Self(3);
-    /// Elements were written, or why not.
+    /// The elements were written, or the reason why not.
     pub const WRITE_RESPONSE: Self = Self(4);
     /// A command has ended; unsolicited.
     pub const NOTIFICATION: Self = Self(5);
@@ -33,14 +33,15 @@ impl Opcode {
     pub const EMERGENCY: Self = Self(6);
 }
 
-/// Which elements of an IDN a message has, one bit each. In a message they stand in the order of the bits.
+/// The elements of an IDN in a message, one bit each. In the message they are in the order of the
+/// bits.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Elements(pub u8);
 
 impl Elements {
     /// Data state, 2 bytes.
     pub const DATA_STATE: Self = Self(0x01);
-    /// Name: its length and the most that it can have, 2 bytes each, then the text.
+    /// Name: its length and its largest length, 2 bytes each, then the text.
     pub const NAME: Self = Self(0x02);
     /// [`Attribute`], 4 bytes.
     pub const ATTRIBUTE: Self = Self(0x04);
@@ -61,8 +62,8 @@ impl Elements {
     }
 }
 
-/// The number of a parameter: bit 15 tells those of the maker (P) from those of the standard (S), bits 14:12 are the
-/// parameter set, bits 11:0 the number in it.
+/// The number of a parameter. Bit 15 tells whether it belongs to the maker (P) or to the standard
+/// (S), bits 14:12 are the parameter set, bits 11:0 the number in it.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct Idn(pub u16);
 
@@ -71,13 +72,13 @@ impl Idn {
     pub const CONTROL_CYCLE: Self = Self(1);
     /// S-0-0002: cycle time of the communication, us.
     pub const COMMUNICATION_CYCLE: Self = Self(2);
-    /// S-0-0015: telegram type; 7 is the one that lists configure.
+    /// S-0-0015: telegram type; 7 is the one that is configured by lists.
     pub const TELEGRAM_TYPE: Self = Self(15);
-    /// S-0-0016: what the inputs have behind the drive's status word, a list of IDNs.
+    /// S-0-0016: a list of IDNs, the contents of the inputs behind the drive's status word.
     pub const INPUT_LIST: Self = Self(16);
-    /// S-0-0017: all IDNs of a drive, a list of them.
+    /// S-0-0017: a list of all IDNs of a drive.
     pub const ALL_IDNS: Self = Self(17);
-    /// S-0-0024: what the outputs have behind the drive's control word, a list of IDNs.
+    /// S-0-0024: a list of IDNs, the contents of the outputs behind the drive's control word.
     pub const OUTPUT_LIST: Self = Self(24);
     /// S-0-0134: control word of the drive, in front of its outputs.
     pub const CONTROL_WORD: Self = Self(134);
@@ -85,7 +86,7 @@ impl Idn {
     pub const STATUS_WORD: Self = Self(135);
 }
 
-/// `S-0-0032`
+/// Prints `S-0-0032`.
 impl fmt::Display for Idn {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kind = if self.0 & 0x8000 == 0 { 'S' } else { 'P' };
@@ -93,14 +94,16 @@ impl fmt::Display for Idn {
     }
 }
 
-/// How the value of an IDN is to be understood, and when it can be written. Bits that have no name here are kept.
+/// The format of an IDN's value, and the states in which it can be written. Bits without a name
+/// here are kept.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Attribute(pub u32);
 
 impl Attribute {
-    /// Bytes on the wire.
+    /// Length on the wire in bytes.
     pub const LEN: usize = 4;
-    /// The value is a list: its length and the most that it can have, 2 bytes each, in bytes; then the items.
+    /// The value is a list: its length and its largest length in bytes, 2 bytes each, then the
+    /// items.
     pub const LIST: Self = Self(1 << 18);
     /// The value is the state of a command.
     pub const COMMAND: Self = Self(1 << 19);
@@ -112,17 +115,17 @@ impl Attribute {
     pub const SIGNED: Self = Self(2 << 20);
     /// Items are IDNs.
     pub const IDN: Self = Self(5 << 20);
-    /// It can't be written in PREOP.
+    /// The value cannot be written in PREOP.
     pub const PROTECTED_PREOP: Self = Self(1 << 28);
-    /// It can't be written in SAFEOP.
+    /// The value cannot be written in SAFEOP.
     pub const PROTECTED_SAFEOP: Self = Self(1 << 29);
-    /// It can't be written in OP.
+    /// The value cannot be written in OP.
     pub const PROTECTED_OP: Self = Self(1 << 30);
-    /// It can't be written in any state.
+    /// The value cannot be written in any state.
     pub const READ_ONLY: Self = Self(7 << 28);
 
-    /// The attribute of a value of 1, 2, 4 or 8 bytes, or of a list of such items; the factor is 1. `None` for any
-    /// other length.
+    /// The attribute of a value of 1, 2, 4 or 8 bytes, or of a list of such items; the factor is 1.
+    /// `None` for any other length.
     pub const fn of_length(bytes: usize) -> Option<Self> {
         let code = match bytes {
             1 => 0,
@@ -144,7 +147,7 @@ impl Attribute {
         self.0 & other.0 == other.0
     }
 
-    /// Bytes of the value, or of an item of a list: 1, 2, 4 or 8.
+    /// Number of bytes of the value, or of an item of a list: 1, 2, 4 or 8.
     pub const fn length(self) -> usize {
         1 << (self.0 >> 16 & 3)
     }
@@ -160,15 +163,16 @@ impl Attribute {
 pub struct Header {
     /// Bits 2:0 of the first byte.
     pub opcode: Opcode,
-    /// Bit 3: fragments follow. Then [`idn`](Self::idn) is the number of those that follow; the last message names the IDN.
+    /// Bit 3: fragments follow. [`idn`](Self::idn) is then their number; the last message names the
+    /// IDN.
     pub incomplete: bool,
-    /// Bit 4: an error, of which the code stands behind the header.
+    /// Bit 4: the message is an error, and its code follows the header.
     pub error: bool,
-    /// Bits 7:5: which drive of the SubDevice, 0 to 7.
+    /// Bits 7:5: the drive of the SubDevice, 0 to 7.
     pub drive: u8,
-    /// What is read or written.
+    /// The elements that are read or written.
     pub elements: Elements,
-    /// The parameter; the number of fragments that follow if there are some.
+    /// The parameter, or the number of fragments that follow.
     pub idn: Idn,
 }
 
@@ -188,7 +192,7 @@ impl Header {
             idn: Idn(u16::from_le_bytes([b[2], b[3]])),
         }
     }
-    /// The four bytes.
+    /// Writes the four bytes.
     pub const fn emit(self) -> [u8; HEADER_LEN] {
         let first = self.opcode.0 & 0x07
             | (self.incomplete as u8) << 3

@@ -1,11 +1,11 @@
-//! What must hold of the parsers for bytes of any form: they end, stay within the bytes, and what was parsed comes out
-//! the same when it is written and parsed again.
+//! Rules for the parsers under arbitrary bytes: they end, they stay within the bytes, and a parsed
+//! value is the same after it is written and parsed again.
 
 use isocat_wire::datagram::{Layouts, datagrams};
 use isocat_wire::sii::{self, PdoEntryRecord, PdoRecord, SmRecord, Writer};
 use isocat_wire::{coe, frame, mailbox};
 
-/// An EEPROM image.
+/// Checks an EEPROM image.
 pub fn sii(bytes: &[u8]) {
     let Some(header) = sii::Header::parse(bytes) else {
         assert!(bytes.len() < sii::HEADER_LEN, "{} bytes hold a header", bytes.len());
@@ -49,7 +49,7 @@ fn records(data: &[u8]) {
     }
 }
 
-/// A frame with datagrams, and mailbox messages with CoE services.
+/// Checks a frame with datagrams, and mailbox messages with CoE services.
 pub fn answers(bytes: &[u8]) {
     if let Ok(payload) = frame::payload(bytes) {
         let mut end = 0;

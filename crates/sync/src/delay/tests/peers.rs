@@ -1,11 +1,13 @@
-//! Trees at which delay measurements of other MainDevices went wrong: one hop of 500 ns, ports 0 → 3 → 1 → 2.
+//! Trees for which other MainDevices measured wrong delays: each hop is 500 ns, ports 0 → 3 → 1 →
+//! 2.
 
 use super::*;
 
-/// A tree without times: `None` at the end for a SubDevice without receive times.
+/// A tree without times; the flag tells whether the SubDevice has receive times.
 type Shape<'a> = &'a [(Parent, bool)];
 
-/// Gives every SubDevice the times that hops of 500 ns make, its counter beginning at `start`; then the delays.
+/// Gives every SubDevice the times of hops of 500 ns, with its counter starting at `start`, and
+/// computes the delays.
 fn measured(shape: Shape<'_>, start: u32) -> (Vec<Option<i64>>, Vec<i64>) {
     let count = shape.len();
     let child = |at: usize, port: PortNumber| {
@@ -51,7 +53,7 @@ fn plain(parent: usize, port: PortNumber) -> (Parent, bool) {
 
 const FIRST: (Parent, bool) = (None, true);
 
-/// The delays must be these, which is what the way of the frame gives, whatever the counters stand at.
+/// Checks that the delays follow the way of the frame, wherever the counters start.
 fn expect(name: &str, shape: Shape<'_>, delays: &[Option<i64>]) {
     for start in [0, 5_000, u32::MAX - 700, i32::MAX as u32 - 700] {
         let (found, truth) = measured(shape, start);

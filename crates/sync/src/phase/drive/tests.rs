@@ -1,4 +1,4 @@
-//! The law with a reference clock that follows as a drift loop does.
+//! Tests with a reference clock that follows as a drift loop does.
 
 use isocat_wire::time::{Dc, External, Host, Nanos, Time};
 
@@ -6,11 +6,11 @@ use super::*;
 use crate::phase::Settings;
 use crate::phase::external::Stamps;
 
-/// A clock with a proportional and integral drift loop of 20 ms and a second, beside the host's.
+/// A clock with a proportional and integral drift loop (20 ms and 1 s), and the host's clock.
 struct Clock {
-    /// Less host time, ns.
+    /// Its time less host time, ns.
     ahead: f64,
-    /// Of its quartz, and of what the loop adds, ppb.
+    /// Rate of its quartz, and the rate that the loop adds, ppb.
     quartz: f64,
     mean: f64,
     applied: f64,
@@ -40,15 +40,15 @@ impl Clock {
     }
 }
 
-/// Both in a loop of 1 ms; frames are held up by `held(i)` ns behind their stamp.
+/// Clock and drive in a loop of 1 ms; frame `i` leaves `held(i)` ns after its stamp.
 struct Bench {
     clock: Clock,
     servo: Servo,
     drive: Drive,
     now: u64,
-    /// Values written.
+    /// Number of values written.
     written: u64,
-    /// Farthest that a value was from where the servo expected the clock.
+    /// Largest distance of a value from where the servo expected the clock.
     most: Nanos,
     /// Largest change of the clock's rate within 100 ms, ppb.
     jolt: f64,
@@ -93,13 +93,13 @@ impl Bench {
     }
 }
 
-/// Faster than the default, so that runs are short.
+/// Faster than the default limits, so that runs are short.
 fn limits() -> Limits {
     Limits { slew_ppb: 10_000, acceleration_ppb: 5_000, most: Nanos(1_000) }
 }
 
-/// From 100 ppm off, either way: the rates meet in the time that the acceleration allows, not much sooner and
-/// not later, and stay together; nothing jumps.
+/// From 100 ppm in either direction the rates meet in the time that the acceleration allows, and
+/// not much sooner. They stay together, and nothing jumps.
 #[test]
 fn the_reference_takes_over_the_hosts_rate() {
     for quartz in [-100_000.0, 100_000.0] {
@@ -118,12 +118,13 @@ fn the_reference_takes_over_the_hosts_rate() {
     }
 }
 
-/// A phase is caught up by the slew and no faster, without passing it.
+/// A phase is corrected at the slew and no faster, without overshoot.
 #[test]
 fn a_phase_is_caught_up_at_the_slew() {
     let mut bench = Bench::new(1_000.0, Drive::after_host(limits()), Nanos::ZERO);
     bench.run(10_000, |_| 0);
-    // As if the clock had been pushed: 100 us take 10 s at 10 ppm, and 2 s each for both ramps.
+    // This acts as a push of the clock by 100 us: it takes 10 s at 10 ppm, and 2 s for each of both
+    // ramps.
     bench.drive.offset += 100_000;
     let behind = |bench: &Bench| bench.drive.behind(Time::new(bench.now), &bench.servo).unwrap();
     let mut last = behind(&bench);
@@ -137,8 +138,8 @@ fn a_phase_is_caught_up_at_the_slew() {
     assert!(last < Nanos(200), "it passed by {last}");
 }
 
-/// What is held up behind its stamp is what goes into the clock, to the nanosecond; the values themselves stay
-/// on the line of frames that leave at once.
+/// The delay behind the stamp is the error in the clock, to the nanosecond. The values themselves
+/// stay on the line of frames that leave at once.
 #[test]
 fn the_figures_of_injection_are_what_was_held_up() {
     let noise = Nanos(300);
@@ -156,7 +157,7 @@ fn the_figures_of_injection_are_what_was_held_up() {
     assert!(injected.deviation_ns < 10.0 && injected.peak_ns < 150, "{injected:?}");
 }
 
-/// A clock that does not follow is waited for: what is written stays within the bound, and nothing runs up.
+/// If the clock does not follow, the written values stay within the limit and nothing accumulates.
 #[test]
 fn a_clock_that_does_not_follow_is_not_left_behind() {
     let mut bench = Bench::new(50_000.0, Drive::after_host(limits()), Nanos::ZERO);
@@ -167,13 +168,13 @@ fn a_clock_that_does_not_follow_is_not_left_behind() {
     }
     assert!(bench.written > 29_000);
     assert_eq!(bench.most, Nanos(1_000));
-    // It follows at last: no faster than if it had always done so.
+    // The clock follows at last, and no faster than if it had always followed.
     bench.run(60_000, |_| 0);
     let behind = bench.drive.behind(Time::new(bench.now), &bench.servo);
     assert!(behind.is_some_and(|behind| behind.abs() < Nanos(100)), "{behind:?}");
 }
 
-/// Nothing is written while the host is not locked, and the offset outlives that.
+/// Nothing is written while the host is not locked; the offset is kept over that time.
 #[test]
 fn silent_unless_locked() {
     let mut bench = Bench::new(500.0, Drive::after_host(limits()), Nanos::ZERO);
@@ -192,7 +193,7 @@ fn silent_unless_locked() {
     assert_eq!(bench.drive.offset(), offset);
 }
 
-/// An external time that runs 30 ppm faster than the host's leads, by either kind of stamps.
+/// An external time that runs 30 ppm faster than the host's leads, with either kind of stamps.
 #[test]
 fn an_external_time_leads() {
     let external = |host: u64| Time::<External>::new(host + host / 1_000_000 * 30 + 5_000_000_000);
@@ -206,7 +207,7 @@ fn an_external_time_leads() {
                 Stamps::Bridge { internal: bench.clock.at(Time::new(at)), external: external(at) }
             } else {
                 let (before, after) = (Time::new(at - 1_000), Time::new(at + 1_000));
-                // One read of ten was interrupted: it is not used.
+                // One read in ten was interrupted and is not used.
                 let late = if i % 10 == 0 { 50_000 } else { 0 };
                 let after = after + Nanos(late);
                 Stamps::Hardware { before, external: external(at), after }

@@ -17,9 +17,10 @@ use crate::sys;
 
 const CLOSE_ON_EXEC: i32 = libc::O_CLOEXEC;
 const NON_BLOCKING: i32 = libc::O_NONBLOCK;
-/// Bytes that one call reads or writes here; a longer one is done in part, as calls may be.
+/// Largest number of bytes that one call reads or writes here; a longer call is done in part, as is
+/// allowed.
 const MOST: usize = 1 << 20;
-/// Random bytes that a file of them has.
+/// Number of random bytes in a file of random bytes.
 const RANDOM: usize = 1 << 16;
 
 impl Supervisor<'_> {
@@ -77,7 +78,7 @@ impl Supervisor<'_> {
             libc::SYS_openat => self.open(task, a[1]),
             libc::SYS_creat => Ok(Outcome::Pass),
             libc::SYS_openat2 => error(libc::ENOSYS),
-            // The C library and the tools go on with read and write.
+            // The C library and common tools fall back to read and write.
             _ => match [a[0], a[1], a[2]].iter().any(|place| self.object(task, *place).is_some()) {
                 true => error(libc::EINVAL),
                 false => Ok(Outcome::Pass),
@@ -85,7 +86,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// Random bytes come from the seed, and of hardware clocks there are none.
+    /// Opens a file. Random bytes come from the seed, and hardware clocks do not exist.
     fn open(&mut self, task: TaskId, path: u64) -> Answer {
         let path = self.read_text(task, path)?;
         if path == "/dev/urandom" || path == "/dev/random" {
@@ -122,7 +123,7 @@ impl Supervisor<'_> {
             return error(libc::EINVAL);
         }
         self.write_words(task, parts[0].0, &[value])?;
-        // One that was full can be written to again.
+        // A pipe that was full can be written to again.
         self.objects.changed(id);
         self.touch(&[id]);
         done(8)
@@ -136,8 +137,8 @@ impl Supervisor<'_> {
         };
         match self.objects.get(id) {
             Some(Kind::Packet(_)) if first => self.write_packet(task, id, parts),
-            // Time stands still until all is written, so that it makes no difference how fast
-            // somebody reads.
+            // Virtual time stands still until everything is written, so the speed of the reader
+            // makes no difference.
             Some(Kind::Outside(_)) => Ok(Outcome::Pass),
             Some(Kind::Pipe(_)) => self.write_pipe(task, id, &parts),
             Some(Kind::Event(_)) => {
@@ -159,7 +160,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// Nothing can be done now: waits, or says so.
+    /// Nothing can be done now: the call waits or returns an error.
     fn later(&mut self, task: TaskId, id: ObjectId) -> Answer {
         match self.objects.is_nonblocking(id) {
             true => error(libc::EAGAIN),
@@ -214,7 +215,7 @@ impl Supervisor<'_> {
         done(written as i64)
     }
 
-    /// The other end of a pipe sees that something changed.
+    /// Tells the other side of a pipe that something has changed.
     fn tell_neighbours(&mut self, id: ObjectId) {
         let Some(&Kind::Pipe(end)) = self.objects.get(id) else { return };
         let others = self.objects.neighbours(end);
@@ -222,7 +223,7 @@ impl Supervisor<'_> {
         self.touch(&others);
     }
 
-    /// A call on one of a pair of sockets.
+    /// Handles a call on one of a pair of sockets.
     pub(super) fn pair_call(
         &mut self,
         task: TaskId,
@@ -262,7 +263,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// Bytes that a read would give, told to `at`.
+    /// Writes to `at` the number of bytes that a read would return.
     pub(super) fn waiting_bytes(&mut self, task: TaskId, id: ObjectId, at: u64) -> Answer {
         let bytes = match self.objects.get(id) {
             Some(Kind::Packet(socket)) => socket.peek().map_or(0, |frame| frame.bytes.len()),
@@ -324,8 +325,8 @@ impl Supervisor<'_> {
         Ok(Outcome::Pass)
     }
 
-    /// A copy of a descriptor, done here where it stands for something of ours: so its number is
-    /// known.
+    /// Duplicates a descriptor. This is done here if it stands for one of our objects, so that its
+    /// number is known.
     fn copy(&mut self, task: TaskId, a: [u64; 6], to: Option<i32>, close_on_exec: bool) -> Answer {
         let Some(object) = self.object(task, a[0]) else {
             if let Some(to) = to {
@@ -395,7 +396,7 @@ impl Supervisor<'_> {
         fs::symlink_metadata(format!("/proc/{process}/fd/{number}")).is_ok()
     }
 
-    /// Gives the program two descriptors, and writes their numbers to `at`.
+    /// Installs two descriptors in the program and writes their numbers to `at`.
     pub(super) fn install_two(
         &mut self,
         task: TaskId,
@@ -414,13 +415,13 @@ impl Supervisor<'_> {
         done(0)
     }
 
-    /// Reading or writing at the world outside.
+    /// A read or write on an outside object.
     fn outside_transfer(&mut self, id: ObjectId) -> Answer {
         let ready = self.look_outside(id).0 != 0 || self.objects.is_nonblocking(id);
         Ok(if ready { Outcome::Pass } else { Outcome::Outside })
     }
 
-    /// A call on a descriptor that is not ours: the kernel does it, and does not come back before
+    /// A call on a descriptor that has no object here: the kernel executes it, and it returns when
     /// it is done.
     pub(super) fn pass_or_outside(&mut self, task: TaskId, number: u64) -> Answer {
         match self.pollable(task, number as i32)? {
@@ -429,7 +430,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// What a wait on a descriptor has to do with it.
+    /// How a wait must treat a descriptor.
     pub(super) fn pollable(&mut self, task: TaskId, number: i32) -> Result<Pollable, Errno> {
         if let Some(id) = self.object(task, number as u64) {
             if self.outside.contains_key(&id) {
@@ -443,7 +444,7 @@ impl Supervisor<'_> {
         if !(kind.is_fifo() || kind.is_char_device() || kind.is_socket()) {
             return Ok(Pollable::Always);
         }
-        // A terminal or a pipe from outside can be opened a second time, and then be waited for
+        // A terminal or a pipe from outside can be opened a second time and then be waited for
         // here.
         let mut options = fs::OpenOptions::new();
         let again = options.read(true).custom_flags(NON_BLOCKING | libc::O_NOCTTY).open(&path);
@@ -459,7 +460,7 @@ impl Supervisor<'_> {
         Ok(Pollable::Object(object))
     }
 
-    /// How something of the world outside stands now.
+    /// The present readiness of an outside object.
     pub(in crate::supervisor) fn look_outside(&mut self, id: ObjectId) -> Readiness {
         let Some(file) = self.outside.get(&id) else { return Readiness::NONE };
         let mut asked = [PollFd::new(file, PollFlags::IN | PollFlags::OUT)];

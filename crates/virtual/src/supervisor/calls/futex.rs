@@ -10,7 +10,7 @@ use crate::supervisor::Supervisor;
 
 const PRIVATE: u64 = libc::FUTEX_PRIVATE_FLAG as u64;
 const REAL_TIME: u64 = libc::FUTEX_CLOCK_REALTIME as u64;
-/// Locks with priority inheritance have queues of their own, beside those of their words.
+/// Locks with priority inheritance have separate queues, apart from those of their words.
 const PI: u64 = 1 << 63;
 const LOCK_PI2: i32 = 13;
 
@@ -41,7 +41,7 @@ impl Supervisor<'_> {
                 self.lock_pi(task, a, operation)
             }
             libc::FUTEX_UNLOCK_PI => self.unlock_pi(task, a),
-            // Condition variables over such locks: no C library of today asks for them.
+            // Condition variables over such locks are not used by any present C library.
             other => self.refuse(&format!("futex operation {other}"), libc::ENOSYS),
         }
     }
@@ -65,7 +65,7 @@ impl Supervisor<'_> {
         self.queue(task, self.futex_key(task, a[0], a[1]), bits, until)
     }
 
-    /// An instant that stands in memory, of the monotonic or the real-time clock.
+    /// Reads an instant from memory, of the monotonic or the real-time clock.
     fn futex_deadline(
         &mut self,
         task: TaskId,
@@ -97,7 +97,7 @@ impl Supervisor<'_> {
         if self.now() >= until {
             return error(libc::ETIMEDOUT);
         }
-        // Nobody woke it, and yet it was to look again: the thread that had the word may have
+        // It was not woken by another task but must check again: the owner of the lock may have
         // ended.
         let is_lock = matches!(operation, libc::FUTEX_LOCK_PI | LOCK_PI2);
         if is_lock {
@@ -121,7 +121,8 @@ impl Supervisor<'_> {
         woken.len()
     }
 
-    /// Wakes on one word, changes another, and wakes on that, if it was as told (`FUTEX_WAKE_OP`).
+    /// Wakes on one word, changes another, and wakes on that one if the condition holds
+    /// (`FUTEX_WAKE_OP`).
     fn futex_wake_op(&mut self, task: TaskId, a: [u64; 6], most: usize, more: usize) -> Answer {
         let code = a[5] as u32;
         let (operation, compare) = (code >> 28 & 7, code >> 24 & 15);
@@ -195,7 +196,7 @@ impl Supervisor<'_> {
         FutexKey { space: key.space | PI, ..key }
     }
 
-    /// Which word: of the process alone, or of what several share.
+    /// The key of a word, in the memory of one process or in shared memory.
     fn futex_key(&self, task: TaskId, at: u64, flags: u64) -> FutexKey {
         let process = &self.processes[self.threads[task.0 as usize].process.0];
         let own = FutexKey { space: process.space, place: at };
@@ -205,8 +206,8 @@ impl Supervisor<'_> {
         }
     }
 
-    /// A thread of this memory ended: those that wait on words which the kernel changed by that
-    /// look again.
+    /// A thread of this memory ended: tasks that wait on words check them again, since the kernel
+    /// may have changed the words.
     pub(in crate::supervisor) fn wake_changed_words(&mut self, space: u64) {
         for task in self.scheduler.alive().collect::<Vec<_>>() {
             let here = self.futexes.key_of(task).is_some_and(|key| key.space & !PI == space);
@@ -217,8 +218,8 @@ impl Supervisor<'_> {
     }
 }
 
-/// The place in shared memory behind an address: which file or mapping, and where in it. `None`: it
-/// is the process's own.
+/// The place in shared memory behind an address: the file or mapping, and the offset. `None`: the
+/// address is private to the process.
 fn shared_place(process: i32, at: u64) -> Option<FutexKey> {
     let maps = fs::read_to_string(format!("/proc/{process}/maps")).ok()?;
     for line in maps.lines() {

@@ -1,4 +1,4 @@
-//! Options of packet sockets, and what programs ask about interfaces.
+//! Options of packet sockets, and requests about interfaces.
 
 use isocat_wire::time::Nanos;
 
@@ -49,7 +49,7 @@ impl Supervisor<'_> {
                 done(0)
             }
             (libc::SOL_SOCKET, _) => done(0),
-            // Rings in shared memory: all stacks fall back to send and receive.
+            // Rings in shared memory are refused: all stacks then fall back to send and receive.
             (
                 libc::SOL_PACKET,
                 libc::PACKET_RX_RING | libc::PACKET_TX_RING | libc::PACKET_VERSION,
@@ -57,7 +57,7 @@ impl Supervisor<'_> {
             (libc::SOL_PACKET, libc::PACKET_ADD_MEMBERSHIP | libc::PACKET_DROP_MEMBERSHIP) => {
                 done(0)
             }
-            // Quality of service, ignoring of what is sent: no difference here.
+            // Quality of service, and ignoring outgoing frames, make no difference here.
             (libc::SOL_PACKET, 20 | 23) => done(0),
             (level, name) => self.refuse(
                 &format!("option {name} of level {level} of a packet socket"),
@@ -138,7 +138,7 @@ impl Supervisor<'_> {
                     self.options.interfaces.join(" and ")
                 ));
             }
-            // The real interfaces may be looked at through sockets that reach none of them.
+            // Sockets that cannot send to real interfaces may still query them.
             return if only_asks && !is_packet { Ok(Outcome::Pass) } else { error(libc::ENODEV) };
         };
         let up =

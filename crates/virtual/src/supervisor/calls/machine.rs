@@ -1,5 +1,5 @@
-//! The machine that a program sees: one processor, its own random numbers, its own priorities. And
-//! the calls that are not served.
+//! The machine that a program sees: one processor, seeded random numbers, priorities. This file
+//! also handles the calls that are not supported.
 
 use super::{Answer, Outcome, done, error};
 use crate::kernel::TaskId;
@@ -15,7 +15,7 @@ impl Supervisor<'_> {
                 done(bytes.len() as i64)
             }
             libc::SYS_sched_getaffinity => {
-                // The first processor alone.
+                // Only the first processor exists.
                 let len = (a[1] as usize).min(8);
                 if len < 8 {
                     return error(libc::EINVAL);
@@ -42,7 +42,7 @@ impl Supervisor<'_> {
                 self.write_words(task, a[1], &[0, 100_000_000])?;
                 done(0)
             }
-            // Granted, as there is nothing that they would change here.
+            // These calls are granted, since they would change nothing here.
             libc::SYS_sched_setaffinity
             | libc::SYS_sched_setattr
             | libc::SYS_mlockall
@@ -88,7 +88,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// A thread's own priority, or another's, as of `SCHED_FIFO`.
+    /// Sets the priority of the calling thread, or of another one, as for `SCHED_FIFO`.
     fn set_priority(&mut self, task: TaskId, thread: u64, at: u64) -> Answer {
         let priority = self.read_u32(task, at)?.min(99) as u8;
         let whom = match thread as i32 {

@@ -1,5 +1,5 @@
-//! The system calls, one file for each kind. A call is tried when it comes, and again whenever what
-//! it waits for may have come.
+//! The system calls, one file for each kind. A call is tried when it comes, and again whenever its
+//! condition may have become true.
 
 mod descriptors;
 mod futex;
@@ -18,7 +18,7 @@ use super::{Answer, Errno, Outcome, Supervisor, filter};
 use crate::kernel::{ObjectId, Source, TaskId};
 use crate::sys;
 
-/// A call that is answered at once.
+/// The answer of a call that is complete.
 fn done(value: i64) -> Answer {
     Ok(Outcome::Done(value))
 }
@@ -28,7 +28,7 @@ fn error(number: i32) -> Answer {
 }
 
 impl Supervisor<'_> {
-    /// Tries a call: for the first time, or again.
+    /// Tries a call for the first time, or again.
     pub(super) fn call(&mut self, task: TaskId, first: bool) -> Answer {
         let call = self.thread(task).call;
         if call.architecture != filter::X86_64 {
@@ -150,19 +150,19 @@ impl Supervisor<'_> {
         }
     }
 
-    /// A call that is not served: says so, by name, and once more at the end.
+    /// Refuses a call that is not supported. It is reported by name, and once more at the end.
     fn refuse(&mut self, what: &str, errno: i32) -> Answer {
         self.note(format!("{what}: refused, as it is not served here"));
         error(errno)
     }
 
-    /// The thread waits; `until` is kept with it for the next try.
+    /// Makes the thread wait; `until` is stored with it for the next try.
     fn wait(&mut self, task: TaskId, until: Time<Clock>, sources: Vec<Source>) -> Answer {
         self.thread(task).until = until;
         Ok(Outcome::Wait(until, sources))
     }
 
-    /// The same, on an object and what it watches.
+    /// Makes the thread wait on objects and on what they watch.
     fn wait_for(&mut self, task: TaskId, until: Time<Clock>, objects: &[ObjectId]) -> Answer {
         let watched = objects.iter().flat_map(|id| self.objects.watched(*id));
         let sources = watched.map(Source::Object).collect();
@@ -197,7 +197,7 @@ impl Supervisor<'_> {
         self.write(task, at, &value.to_ne_bytes())
     }
 
-    /// Words of 64 bits.
+    /// Reads words of 64 bits.
     fn read_words<const N: usize>(&mut self, task: TaskId, at: u64) -> Result<[u64; N], Errno> {
         let bytes = self.read_bytes(task, at, 8 * N)?;
         let mut words = [0; N];
@@ -212,11 +212,11 @@ impl Supervisor<'_> {
         self.write(task, at, &bytes)
     }
 
-    /// A text that ends in a zero; of more than 4 KB the first.
+    /// Reads a text that ends with a zero; only the first 4 KB of a longer one.
     fn read_text(&mut self, task: TaskId, at: u64) -> Result<String, Errno> {
         let mut text = Vec::new();
         while text.len() < 4096 {
-            // Up to the end of a page at a time: the next one need not be there.
+            // Only up to the end of a page at a time, since the next page may not exist.
             let from = at + text.len() as u64;
             let part = self.read_bytes(task, from, 256 - (from % 256) as usize)?;
             let end = part.iter().position(|byte| *byte == 0);

@@ -1,5 +1,5 @@
-//! What programs ask the kernel about its interfaces through a netlink socket: they are told of the
-//! virtual ones, and of no other.
+//! Requests about interfaces through a netlink socket: the answers contain only the virtual
+//! interfaces.
 
 use super::packet::FIRST_INTERFACE;
 use super::{Answer, Errno, done, error};
@@ -11,9 +11,9 @@ const DONE: u16 = 3;
 const NEW_LINK: u16 = 16;
 const GET_LINK: u16 = 18;
 const GET_ADDRESS: u16 = 22;
-/// One of several messages.
+/// The message is one of several.
 const MULTI: u16 = 2;
-/// All of a kind are asked for.
+/// The request asks for all entries of a kind.
 const DUMP: u16 = 0x300;
 const HEADER: usize = 16;
 /// `ifinfomsg`.
@@ -22,11 +22,11 @@ const ADDRESS: u16 = 1;
 const BROADCAST: u16 = 2;
 const NAME: u16 = 3;
 const MTU: u16 = 4;
-/// Longest request that is looked at.
+/// Longest request that is evaluated.
 const LONGEST: usize = 4096;
 
 impl Supervisor<'_> {
-    /// A socket whose answers are made here: they wait in a pipe that the program reads.
+    /// Creates a socket whose answers are made here and wait in a pipe that the program reads.
     pub(super) fn netlink_socket(
         &mut self,
         task: TaskId,
@@ -94,7 +94,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// The next answer, which stays.
+    /// The next answer, which is not removed.
     fn peek_netlink(
         &mut self,
         task: TaskId,
@@ -149,7 +149,7 @@ impl Supervisor<'_> {
                     None => say(ERROR, 0, &refusal(libc::ENODEV, request)),
                 }
             }
-            // They have no addresses.
+            // The virtual interfaces have no addresses.
             GET_ADDRESS if dumps => say(DONE, MULTI, &[0; 4]),
             _ => say(ERROR, 0, &refusal(libc::EOPNOTSUPP, request)),
         }
@@ -161,7 +161,7 @@ impl Supervisor<'_> {
         Ok(())
     }
 
-    /// What is told of an interface.
+    /// The description of an interface.
     fn link(&self, place: usize) -> Vec<u8> {
         let mut about = vec![0; ABOUT];
         about[2..4].copy_from_slice(&1u16.to_ne_bytes());
@@ -184,7 +184,7 @@ fn attribute(to: &mut Vec<u8>, kind: u16, value: &[u8]) {
     to.resize(to.len().next_multiple_of(4), 0);
 }
 
-/// The name by which a request asks for an interface; empty if it does not.
+/// The name of the interface in a request; empty if there is none.
 fn name_of_request(request: &[u8]) -> String {
     let mut rest = request.get(HEADER + ABOUT..).unwrap_or_default();
     while let [low, high, kind, _, ..] = *rest {
@@ -198,14 +198,14 @@ fn name_of_request(request: &[u8]) -> String {
     String::new()
 }
 
-/// An error, and the head of what it is about.
+/// An error, with the header of the request.
 fn refusal(errno: i32, request: &[u8]) -> Vec<u8> {
     let mut body = (-errno).to_ne_bytes().to_vec();
     body.extend(&request[..HEADER]);
     body
 }
 
-/// A `sockaddr_nl`.
+/// Builds a `sockaddr_nl`.
 fn address(port: u32) -> Vec<u8> {
     let mut address = vec![0; 12];
     address[..2].copy_from_slice(&(libc::AF_NETLINK as u16).to_ne_bytes());

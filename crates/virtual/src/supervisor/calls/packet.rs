@@ -1,4 +1,5 @@
-//! Sockets: those on virtual interfaces are served here; those to the world outside go there.
+//! Sockets: those on virtual interfaces are served here; those to the outside are passed to the
+//! kernel.
 
 use std::os::fd::AsFd;
 
@@ -9,26 +10,26 @@ use crate::kernel::{Kind, ObjectId, PacketSocket, Protocol, Readiness, TaskId};
 use crate::supervisor::Supervisor;
 use crate::sys;
 
-/// `AF_XDP`, which no C library of Debian names.
+/// `AF_XDP`, which Debian's C libraries do not define.
 const AF_XDP: i32 = 44;
 /// The number of the first virtual interface.
 pub(super) const FIRST_INTERFACE: i32 = 7_000;
 /// The longest frame without its check sequence, with a VLAN tag.
 const MOST: usize = 1_518;
 const HEADER: usize = 14;
-/// EtherCAT's port of UDP: such frames would go to a real network.
+/// The UDP port of EtherCAT: such frames would go to a real network.
 const ETHERCAT_PORT: u16 = 0x88A4;
 const DONT_WAIT: i32 = libc::MSG_DONTWAIT;
 
-/// Where the parts of a message lie in the program's memory.
+/// The addresses of the parts of a message in the program's memory.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Message {
     pub name: (u64, u32),
     pub parts: Vec<(u64, usize)>,
     control: (u64, usize),
-    /// Where its header stands, for a `msghdr`.
+    /// Address of its `msghdr`, if it has one.
     pub header: Option<u64>,
-    /// Where the length of the name stands, for `recvfrom`.
+    /// Address of the length of the name, for `recvfrom`.
     pub name_length: u64,
     pub flags: i32,
 }
@@ -85,7 +86,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// Gives the program a descriptor of the world outside, of which a copy stays here.
+    /// Installs an outside descriptor in the program and keeps a copy here.
     pub(super) fn install_outside(
         &mut self,
         task: TaskId,
@@ -176,7 +177,7 @@ impl Supervisor<'_> {
         done(0)
     }
 
-    /// The place of an interface by its number.
+    /// The index of an interface with this number.
     pub(super) fn interface_of(&self, index: i32) -> Result<usize, Errno> {
         let place = usize::try_from(index - FIRST_INTERFACE).ok();
         place.filter(|place| *place < self.options.interfaces.len()).ok_or(Errno(libc::ENODEV))
@@ -186,7 +187,7 @@ impl Supervisor<'_> {
         [0x02, 0, 0, 0, 0, 1 + interface as u8]
     }
 
-    /// A `sockaddr_ll`.
+    /// Builds a `sockaddr_ll`.
     fn address(&self, interface: Option<usize>, protocol: Protocol, mac: [u8; 6]) -> Vec<u8> {
         let mut address = vec![0; 20];
         address[0..2].copy_from_slice(&(libc::AF_PACKET as u16).to_ne_bytes());
@@ -246,7 +247,7 @@ impl Supervisor<'_> {
         })
     }
 
-    /// Addresses and lengths of an `iovec`.
+    /// Reads the addresses and lengths of an `iovec`.
     pub(super) fn parts(
         &mut self,
         task: TaskId,
@@ -296,26 +297,26 @@ impl Supervisor<'_> {
         done(length as i64)
     }
 
-    /// A frame sets out.
+    /// Sends a frame.
     fn send_frame(&mut self, interface: usize, frame: &[u8]) {
         let (cost, late) = (self.host.costs.send - self.host.costs.call, self.host.holds_up());
         self.scheduler.spend(cost.max(Nanos::ZERO));
-        // The wire takes one frame after the other.
+        // The wire carries one frame after the other.
         let at = (self.now() + late).max(self.last_sent);
         self.last_sent = at;
         self.figures.sent += 1;
         let mut answers = Vec::new();
         self.wire.send(interface, at, frame, &mut answers);
         for mut answer in answers {
-            // One does not overtake another.
+            // A frame does not overtake another one.
             let brought = answer.at + self.host.brings_up();
             answer.at = brought.max(self.last_back);
             self.last_back = answer.at;
             self.flying.push(answer);
         }
         self.suffer();
-        // Those that listen to all frames hear those that are sent, too; MainDevices don't ask for
-        // that.
+        // Sockets for all frames would also receive sent frames; that is not modelled, since
+        // MainDevices do not ask for it.
     }
 
     pub(super) fn write_packet(
@@ -347,7 +348,7 @@ impl Supervisor<'_> {
         if first {
             let cost = self.host.costs.receive - self.host.costs.call;
             self.scheduler.spend(cost.max(Nanos::ZERO));
-            // What came while the call was on its way is there.
+            // Frames that arrived during the call are now in the socket.
             self.fire();
         }
         let nonblocking = self.objects.is_nonblocking(id);
@@ -395,7 +396,8 @@ impl Supervisor<'_> {
         done(if whole { bytes.len() } else { taken } as i64)
     }
 
-    /// Writes the stamp of a frame's arrival, in the form that was asked for; gives the bytes used.
+    /// Writes the stamp of a frame's arrival in the requested form. Returns the number of bytes
+    /// used.
     fn write_stamp(
         &mut self,
         task: TaskId,
@@ -408,7 +410,7 @@ impl Supervisor<'_> {
             None => return Ok(0),
             Some(libc::SO_TIMESTAMP) => &[seconds, nanos / 1_000],
             Some(libc::SO_TIMESTAMPNS) => &[seconds, nanos],
-            // Software stamp, nothing, hardware stamp: there is no such hardware.
+            // Software stamp, nothing, hardware stamp: there is no hardware that could stamp.
             Some(_) => &[seconds, nanos, 0, 0, 0, 0],
         };
         let used = 16 + 8 * words.len();
@@ -421,7 +423,7 @@ impl Supervisor<'_> {
         Ok(used)
     }
 
-    /// A call on a socket of the world outside.
+    /// A call on an outside socket.
     fn outside_call(&mut self, task: TaskId, id: ObjectId, number: i64, a: [u64; 6]) -> Answer {
         if matches!(number, libc::SYS_sendto | libc::SYS_connect) {
             let (at, length) = if number == libc::SYS_sendto { (a[4], a[5]) } else { (a[1], a[2]) };
@@ -436,7 +438,7 @@ impl Supervisor<'_> {
         }
         match number {
             libc::SYS_accept | libc::SYS_accept4 => {
-                // The new socket is not followed: waits on it are refused by name.
+                // The new socket is not tracked: waits on it are refused by name.
                 Ok(Outcome::Outside)
             }
             _ if self.objects.is_nonblocking(id) => Ok(Outcome::Pass),

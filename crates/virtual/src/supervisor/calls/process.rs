@@ -1,4 +1,4 @@
-//! Processes and threads: beginning, replacing, ending, waiting for children.
+//! Processes and threads: their start, replacement and end, and waits for children.
 
 use isocat_wire::time::Time;
 
@@ -23,7 +23,8 @@ impl Supervisor<'_> {
                 let wanted = if a[0] == libc::P_PID as u64 { a[1] as i32 } else { -1 };
                 self.wait_for_child(task, wanted, a[3] as i32 & libc::WNOHANG != 0, first)
             }
-            // The C library then asks the kernel for the processor's number, and gets ours.
+            // The C library then asks the kernel for the processor's number, and gets the virtual
+            // one.
             libc::SYS_rseq => error(libc::ENOSYS),
             libc::SYS_seccomp => self.refuse("a seccomp filter of the program's own", libc::EPERM),
             libc::SYS_ptrace => self.refuse("ptrace", libc::EPERM),
@@ -34,7 +35,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// The kernel answers once a child has ended; until then the wait is virtual.
+    /// The kernel answers once a child has ended; until then the wait is in virtual time.
     fn wait_for_child(&mut self, task: TaskId, wanted: i32, no_hang: bool, _first: bool) -> Answer {
         let parent = self.threads[task.0 as usize].process;
         let mine = |process: &&mut crate::supervisor::program::Process| {
@@ -48,7 +49,7 @@ impl Supervisor<'_> {
         let alive = self.processes.iter_mut().filter(mine).any(|process| !process.gone);
         match alive && !no_hang {
             true => self.wait(task, Time::NEVER, vec![Source::Child]),
-            // It says at once that there is nobody, or nobody yet.
+            // The kernel answers at once that there is no child, or none that has ended.
             false => Ok(Outcome::Pass),
         }
     }

@@ -9,12 +9,12 @@ use crate::kernel::{Source, TaskId, Timer};
 use crate::supervisor::Supervisor;
 use crate::supervisor::program::{OwnTimer, left};
 
-/// The kernel restarts such a call once the signal's handler is done, if that handler wants it so.
+/// The kernel restarts such a call after the signal's handler, if the handler was installed so.
 const RESTART: i32 = 512;
 /// The timer of `setitimer` and `alarm`.
 const OLD_TIMER: i32 = -1;
 
-/// What the kernel tells of a thread's signals.
+/// The kernel's information about a thread's signals.
 #[derive(Clone, Copy, Debug, Default)]
 struct Signals {
     pending: u64,
@@ -38,7 +38,7 @@ impl Supervisor<'_> {
             | libc::SYS_tgkill
             | libc::SYS_rt_sigqueueinfo
             | libc::SYS_rt_tgsigqueueinfo => self.send_signal(task, number, a),
-            // The kernel waits with another mask, and comes back after the signal.
+            // The kernel waits with another mask and returns after the signal.
             libc::SYS_rt_sigsuspend | libc::SYS_pause => Ok(Outcome::Outside),
             libc::SYS_rt_sigtimedwait => self.wait_for_signal(task, a, first),
             libc::SYS_alarm => {
@@ -60,7 +60,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// A signal from the program to itself or its children.
+    /// Sends a signal from the program to itself or its children.
     fn send_signal(&mut self, task: TaskId, number: i64, a: [u64; 6]) -> Answer {
         let target = a[0] as i32;
         let known = target <= 0
@@ -113,7 +113,7 @@ impl Supervisor<'_> {
         signals
     }
 
-    /// Signals were sent: threads that wait and have a handler for one go on with it.
+    /// Interrupts waiting threads that have a handler for a pending signal.
     pub(in crate::supervisor) fn interrupt_by_signals(&mut self) {
         let mut served: Vec<(usize, u64)> = Vec::new();
         for task in self.scheduler.alive().collect::<Vec<_>>() {
@@ -139,7 +139,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// What a call gives that a signal ended.
+    /// The result of a call that a signal interrupted.
     pub(super) fn interrupted(&mut self, task: TaskId) -> Answer {
         self.futexes.leave(task);
         let number = self.thread(task).call.number;
@@ -186,7 +186,7 @@ impl Supervisor<'_> {
         self.write_words(task, at, &[a, b, c, d])
     }
 
-    /// Interval of the timer of `setitimer`, and what is left of it.
+    /// Interval of the timer of `setitimer`, and the time left.
     fn old_timer(&mut self, task: TaskId) -> (Nanos, Nanos) {
         let now = self.now();
         let timers = &self.process(task).timers;
@@ -197,7 +197,7 @@ impl Supervisor<'_> {
         })
     }
 
-    /// Sets it; gives what was left of it.
+    /// Sets the timer of `setitimer`. Returns the time that was left.
     fn set_old_timer(
         &mut self,
         task: TaskId,

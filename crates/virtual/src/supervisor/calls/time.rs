@@ -8,16 +8,16 @@ use crate::supervisor::{Answer, Errno, START, Supervisor};
 
 const SECOND: u64 = 1_000_000_000;
 const ABSOLUTE: u64 = libc::TIMER_ABSTIME as u64;
-/// Ticks of `times`: a hundred each second.
+/// The tick of `times`: a hundredth of a second.
 const TICK: u64 = SECOND / 100;
 
-/// An instant from the reading of a clock.
+/// The instant of a clock reading.
 pub(super) fn instant(reading: u64, base: u64) -> Time<Clock> {
     Time::new(reading.saturating_sub(base))
 }
 
 impl Supervisor<'_> {
-    /// What a clock shows beside virtual time; `None`: there is no such clock.
+    /// The difference between a clock and virtual time; `None` if there is no such clock.
     pub(super) fn base(&self, clock: i32) -> Option<u64> {
         match clock {
             libc::CLOCK_REALTIME
@@ -31,7 +31,7 @@ impl Supervisor<'_> {
             | libc::CLOCK_BOOTTIME_ALARM
             | libc::CLOCK_PROCESS_CPUTIME_ID
             | libc::CLOCK_THREAD_CPUTIME_ID => Some(0),
-            // A descriptor of a hardware clock, or the processor clock of another process.
+            // These are descriptors of hardware clocks, and CPU clocks of other processes.
             _ => None,
         }
     }
@@ -95,7 +95,7 @@ impl Supervisor<'_> {
                 self.wait(task, now, Vec::new())
             }
             libc::SYS_sched_yield => done(0),
-            // Clocks that are set: the program may not.
+            // The program may not set clocks.
             _ => error(libc::EPERM),
         }
     }
@@ -117,18 +117,18 @@ impl Supervisor<'_> {
         self.wait(task, until, Vec::new())
     }
 
-    /// The instant that lies the span ahead that stands at `at`.
+    /// The instant that lies ahead by the span at address `at`.
     pub(super) fn after(&mut self, task: TaskId, at: u64) -> Result<Time<Clock>, Errno> {
         let span = self.read_timespec(task, at)?;
         Ok(self.ahead(span))
     }
 
-    /// The instant that lies so many ns ahead.
+    /// The instant that lies ahead by this many ns.
     pub(super) fn ahead(&self, span: u64) -> Time<Clock> {
         Time::new(self.now().count().saturating_add(span))
     }
 
-    /// A time of seconds and nanoseconds, in ns; the largest one for what does not fit.
+    /// Reads a time of seconds and nanoseconds, in ns; the largest value if it does not fit.
     pub(super) fn read_timespec(&mut self, task: TaskId, at: u64) -> Result<u64, Errno> {
         let [seconds, nanos] = self.read_words(task, at)?;
         if (seconds as i64) < 0 || nanos >= SECOND {
@@ -141,7 +141,7 @@ impl Supervisor<'_> {
         self.write_words(task, at, &[ns / SECOND, ns % SECOND])
     }
 
-    /// A timer's setting: interval and value, in ns.
+    /// Reads the setting of a timer: interval and value, in ns.
     pub(super) fn read_setting(&mut self, task: TaskId, at: u64) -> Result<(Nanos, u64), Errno> {
         let interval = self.read_timespec(task, at)?;
         let value = self.read_timespec(task, at + 16)?;

@@ -1,4 +1,4 @@
-//! Waits for one of many: `poll`, `select`, `epoll`.
+//! Waits for one of several objects: `poll`, `select`, `epoll`.
 
 use isocat_wire::time::{Host as Clock, Time};
 
@@ -6,11 +6,11 @@ use super::{Answer, Errno, done, error};
 use crate::kernel::{Epoll, Interest, Kind, ObjectId, TaskId};
 use crate::supervisor::Supervisor;
 
-/// Descriptors in one `select`, and so the largest number in it.
+/// Number of descriptors in one `select`, which limits their numbers.
 const MOST_SELECTED: usize = 1024;
-/// Descriptors in one `poll`.
+/// Largest number of descriptors in one `poll`.
 const MOST_POLLED: usize = 4096;
-/// Events that one `epoll_wait` gives.
+/// Largest number of events that one `epoll_wait` returns.
 const MOST_EVENTS: usize = 1024;
 const IN: u32 = 0x001;
 const PRIORITY: u32 = 0x002;
@@ -76,7 +76,7 @@ impl Supervisor<'_> {
         if at == 0 || !first { Ok(None) } else { self.read_timespec(task, at).map(Some) }
     }
 
-    /// Until when a call waits: a span from its beginning on, for ever without one.
+    /// The end of a call's wait: a span after its start, or never without a span.
     fn patience(
         &mut self,
         task: TaskId,
@@ -206,7 +206,7 @@ impl Supervisor<'_> {
         let object = match self.pollable(task, descriptor)? {
             Pollable::Object(object) if object != id => object,
             Pollable::Object(_) => return error(libc::EINVAL),
-            // As in a kernel: a file can't be waited for.
+            // As in a real kernel, a file cannot be waited for.
             Pollable::Always => return error(libc::EPERM),
             Pollable::Closed => return error(libc::EBADF),
         };
@@ -227,23 +227,23 @@ impl Supervisor<'_> {
             libc::EPOLL_CTL_ADD | libc::EPOLL_CTL_MOD | libc::EPOLL_CTL_DEL => done(0),
             _ => return error(libc::EINVAL),
         };
-        // Somebody may wait on the set: its members are others now.
+        // A thread may be waiting on the set, whose members have changed.
         self.touch(&[id]);
         answer
     }
 }
 
-/// What a wait on a descriptor has to do with it.
+/// How a wait must treat a descriptor.
 pub(super) enum Pollable {
-    /// It stands for this.
+    /// The descriptor stands for this object.
     Object(ObjectId),
-    /// It can always be read and written, as a file.
+    /// The descriptor can always be read and written, as a file can.
     Always,
     /// There is no such descriptor.
     Closed,
 }
 
-/// A span in ms; below zero: none.
+/// A span in ms; `None` if it is negative.
 fn millis(span: u64) -> Option<u64> {
     u64::try_from(span as i32).ok().map(|span| span * MILLI)
 }

@@ -196,7 +196,7 @@ impl<'a> Cycle<'a> {
         self.main.external_stamps(stamps);
     }
 
-    /// See [`MainDevice::stop`]. The application is still called until process data ends.
+    /// See [`MainDevice::stop`]. The application is still called until process data end.
     pub fn stop(&mut self) {
         self.main.stop();
     }

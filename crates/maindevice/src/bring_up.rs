@@ -3,7 +3,7 @@
 //!
 //! [`prepare`] needs no cycle: it goes from the scan to the plan. Then the machine sends the drift
 //! datagram in every cycle and locks the host onto the reference clock. [`synchronize`] programs
-//! SYNC and goes to SAFEOP. Then process data runs, and [`operate`] goes to OP once the data is
+//! SYNC and goes to SAFEOP. Then process data run, and [`operate`] goes to OP once the data are
 //! complete and SYNC is verified. [`stop`] leads back to INIT.
 
 use alloc::boxed::Box;

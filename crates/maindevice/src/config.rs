@@ -408,7 +408,7 @@ pub struct DeviceConfig {
     /// Synchronization mode. `None`: the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
     /// Its own cycle, a whole multiple of the bus cycle, up to 2.147 s. SYNC0 has this period, and
-    /// its process data is exchanged only once in it. Not for subordinated cycles, whose SYNC0 is
+    /// its process data are exchanged only once in it. Not for subordinated cycles, whose SYNC0 is
     /// faster than the bus cycle. `None`: the bus cycle.
     pub cycle: Option<Nanos>,
     /// Time from SYNC0 to SYNC1. With subordinated cycles it counts from the SYNC0 that SYNC1

@@ -54,7 +54,7 @@ pub(crate) struct CyclicExchange {
     written: [Option<Time<Dc>>; 2],
     count: u16,
     image: ProcessImage,
-    /// Whether process data runs; before that only the drift datagram and AL status are sent.
+    /// Whether process data run; before that only the drift datagram and AL status are sent.
     exchanging: bool,
     /// The value of `exchanging` from the next cycle on.
     wanted: bool,

@@ -264,7 +264,7 @@ pub enum Event {
         /// Vendor-specific data.
         data: [u8; 5],
     },
-    /// All SubDevices are in OP, and process data runs.
+    /// All SubDevices are in OP, and process data run.
     InOperation {
         /// Cycle.
         cycle: u64,

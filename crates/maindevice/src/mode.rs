@@ -316,7 +316,7 @@ fn outputs_spread(
 }
 
 /// The minimum cycle that the device states. If copying its outputs alone takes longer (0x1C32:06
-/// above 0x1C32:05), it is the larger of the assumed minimum and the copy times of both directions.
+/// above 0x1C32:05), it is the larger of the assumed minimum and the sum of both copy times.
 fn minimum_cycle(
     outputs: &SyncParameters,
     inputs: &SyncParameters,

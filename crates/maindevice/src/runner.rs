@@ -28,14 +28,14 @@ impl<A: Application> Runner<A> {
     }
 
     /// Takes a frame received at a port, as [`MainDevice::handle_frame_at`]. Returns the number of
-    /// the cycle that it completed; the application has been called for it if process data runs.
+    /// the cycle that it completed; the application has been called for it if process data run.
     pub fn handle_frame(&mut self, port: Port, now: Time<Host>, frame: &[u8]) -> Option<u64> {
         self.main.handle_frame_at(port, now, frame);
         self.main.poll_cycle(&mut self.application)
     }
 
     /// Passes the time, as [`MainDevice::handle_timeout`]. Returns the number of the cycle that
-    /// ends with it; the application has been called for it if process data runs.
+    /// ends with it; the application has been called for it if process data run.
     pub fn handle_timeout(&mut self, now: Time<Host>) -> Option<u64> {
         self.main.handle_timeout(now);
         self.main.poll_cycle(&mut self.application)

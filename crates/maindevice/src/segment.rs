@@ -175,7 +175,7 @@ pub struct SubDevice {
     /// The values for registers 0x0980 and 0x0981 by
     /// [`DeviceConfig::unit`](crate::DeviceConfig::unit).
     pub unit: Option<AssignActivate>,
-    /// Its process data is exchanged in every n-th bus cycle; 1 or more.
+    /// Its process data are exchanged in every n-th bus cycle; 1 or more.
     pub every: u32,
     /// Whether it takes part; a lost SubDevice does not until it is re-admitted.
     pub admitted: bool,
@@ -453,7 +453,7 @@ pub struct Chunk {
 }
 
 impl Chunk {
-    /// Whether the process data of this SubDevice is here, if it has any.
+    /// Whether the process data of this SubDevice are here, if it has any.
     pub fn holds(&self, device: &SubDevice) -> bool {
         self.every == device.every && (self.first..self.end).contains(&device.position)
     }

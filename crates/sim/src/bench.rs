@@ -78,7 +78,7 @@ pub struct DeviceBench {
     pub states: Vec<StateChange>,
     /// Cycle of the next outputs.
     cycle: Option<i64>,
-    /// The pulses to which its process data is bound.
+    /// The pulses to which its process data are bound.
     bounds: Bounds,
 }
 

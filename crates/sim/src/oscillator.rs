@@ -66,7 +66,7 @@ pub const RAMP_PIECES: i64 = 64;
 /// Intervals of a random walk until it turns back: enough that a run of cycles does not meet the
 /// turn by accident, few enough for a table (24 KiB for each device with a walk).
 pub const WALK_PIECES: usize = 1024;
-/// Largest deviation of all parts of a model together, ppb: a clock deviates by less than 1 %.
+/// Largest deviation of all parts of a model together, ppb: a clock deviates by at most 1 %.
 pub const MOST_DEVIATION_PPB: i64 = 10_000_000;
 
 impl ClockModel {

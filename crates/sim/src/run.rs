@@ -383,7 +383,7 @@ impl<T: Tap> Outcome<T> {
         }
     }
 
-    /// Reads the counters over the wire while process data continues.
+    /// Reads the counters over the wire while process data continue.
     fn read_counters(&mut self, notes: &mut Notes) {
         let mut asked = Vec::new();
         for position in 0..self.output_counters.len() {

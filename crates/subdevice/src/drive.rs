@@ -6,7 +6,7 @@ use crate::application::Application;
 
 /// A drive that follows its target position.
 ///
-/// Its process data is fixed: outputs 0x6040 control word (16 bits), 0x607A target position (32),
+/// Its process data are fixed: outputs 0x6040 control word (16 bits), 0x607A target position (32),
 /// 0x6060 mode of operation (8); inputs 0x6041 status word (16), 0x6064 position actual value (32),
 /// 0x6061 mode of operation display (8). Shorter images leave out the last ones. A mode of 0 in the
 /// process data does not change the mode.

@@ -63,7 +63,7 @@ impl Esm {
         self.opening.is_some() || self.reopening
     }
 
-    /// Whether process data is exchanged.
+    /// Whether process data are exchanged.
     pub fn is_cyclic(&self) -> bool {
         matches!(self.state, AlState::SafeOp | AlState::Op)
     }

@@ -9,7 +9,7 @@
 //!    device ([`describe`] helps to write one), and the values are in a store of the caller;
 //! 4. its [`SyncEngine`] converts SM2, SYNC0, SYNC1 and the local timer into [`Steps`]: the parts
 //!    of the cycle that start, their times, and the counters of late ones;
-//! 5. each step has its effect at its own instant: process data moves between the ESC's buffers and
+//! 5. each step has its effect at its own instant: process data move between the ESC's buffers and
 //!    the [`Application`], outputs become valid, inputs are latched.
 //!
 //! [`Drive`] and [`Io`] are two applications to start from.

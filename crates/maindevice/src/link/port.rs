@@ -21,7 +21,7 @@ const MOST_FLIGHTS: usize = 24;
 const USUAL_COUNT: u16 = 1000;
 /// Way through a SubDevice and back, with cables of 100 m: 0.5 us for each, in both directions.
 const WAY_PER_SUBDEVICE: Nanos = Nanos(2_000);
-/// A repetition waits at most 2^4 times as long as the first frame.
+/// A repetition waits at most 2 to this power times as long as the first frame.
 const MOST_DOUBLINGS: u8 = 4;
 
 /// Longest wait of a datagram for an instant without any frame in flight. Other datagrams wait

@@ -79,7 +79,7 @@ pub struct DeviceQuality {
     pub status: AlStatus,
     /// Its code (0x0134).
     pub code: AlStatusCode,
-    /// Since when this state was read; at the earliest since the start of operation.
+    /// When this state was first read; at the earliest the start of operation.
     pub since: Time<Host>,
     /// Time left before SYNC0; `None` without SYNC0 or without clocks.
     pub margin: Option<Margin>,

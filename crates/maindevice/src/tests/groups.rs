@@ -1,4 +1,4 @@
-//! SubDevices whose process data is exchanged only in every fifth cycle, next to one of every
+//! SubDevices whose process data are exchanged only in every fifth cycle, next to one of every
 //! cycle.
 
 use super::*;

@@ -37,8 +37,8 @@ impl Sync0Error {
     }
 
     /// Continues the error from the last one: a clock that drifts away leaves its cycle, and its
-    /// error continues to increase. After a pause SYNC0 was started again, so its error is counted
-    /// anew.
+    /// error continues to increase. After a pause SYNC0 was started again, so its error does not
+    /// continue the last one.
     fn follow(&mut self, at: Time<True>, error: Picos) -> Picos {
         let cycle = Picos::from(self.grid.cycle).0;
         let last = self.last.filter(|(last, _)| (at - *last).0 <= PAUSE * cycle);

@@ -4,8 +4,8 @@
 //! operation. The crate uses no socket, thread or clock. Data goes through its modules in this way:
 //!
 //! 1. `link` holds datagrams that procedures await: it packs them into frames and returns the
-//!    answers. `board` holds what machine and procedures know of the run. Procedures are `async
-//!    fn`s that the machine polls itself, for many devices concurrently.
+//!    answers. `board` holds what machine and procedures know of the run. Procedures are
+//!    `async fn`s that the machine polls itself, for many devices concurrently.
 //! 2. `bring_up` is the bring-up in order. `scan` and `topology` find the SubDevices, `sii` reads
 //!    their SII, `esm` changes their states, `mailbox` and `coe` carry the object accesses of
 //!    `objects`. `mode` chooses the synchronization mode of each SubDevice, `mapping` lays out the

@@ -185,7 +185,7 @@ pub struct SubDevice {
     pub al_code: AlStatusCode,
     /// Readings that only a survey makes; empty otherwise.
     pub observed: Observed,
-    /// Optional services that it answered wrongly during bring-up, in the order of the requests.
+    /// Optional services that it answered badly during bring-up, in the order of the requests.
     pub substitutes: Vec<Substitute>,
     /// Why it was left out of a bring-up that continued without it
     /// ([`Config::tolerate`](crate::Config::tolerate)); it is present, in INIT, and takes no part.

@@ -1,4 +1,4 @@
-//! Optional services of a SubDevice, and how bring-up continues if one is answered wrongly.
+//! Optional services of a SubDevice, and how bring-up continues if one is answered badly.
 
 use alloc::vec::Vec;
 
@@ -6,22 +6,22 @@ use crate::error::{Cause, MailboxError, SdoError, SoeError};
 use crate::segment::SubDevice;
 
 crate::kinds! {
-    /// An optional service, and what replaces it if a SubDevice answers it wrongly.
+    /// An optional service, and what replaces it if a SubDevice answers it badly.
     #[derive(Clone, Copy, PartialEq, Eq, Debug)]
     pub enum Service {
-        /// SDO information is answered wrongly. The entries of 0x1C32 and 0x1C33 that ETG.1020
+        /// SDO information is answered badly. The entries of 0x1C32 and 0x1C33 that ETG.1020
         /// knows are uploaded one by one, and may be written as far as the SubDevice accepts it.
         SdoInformation = "sdo-information",
-        /// Object 0x1C00 is answered wrongly. The SII tells the use of each SyncManager.
+        /// Object 0x1C00 is answered badly. The SII tells the use of each SyncManager.
         SyncManagerTypes = "sync-manager-types",
-        /// Object 0x1C12 or 0x1C13 is answered wrongly. The PDOs that the SII assigns are used.
+        /// Object 0x1C12 or 0x1C13 is answered badly. The PDOs that the SII assigns are used.
         Assignment = "assignment",
-        /// The mapping of a PDO is answered wrongly. The entries of this PDO are taken from the
+        /// The mapping of a PDO is answered badly. The entries of this PDO are taken from the
         /// SII.
         Mapping = "mapping",
-        /// An entry of 0x1C32 or 0x1C33 is answered wrongly. It counts as missing.
+        /// An entry of 0x1C32 or 0x1C33 is answered badly. It counts as missing.
         SyncEntry = "sync-entry",
-        /// A write to 0x1C32 or 0x1C33 that the SubDevice may refuse is answered wrongly. It counts
+        /// A write to 0x1C32 or 0x1C33 that the SubDevice may refuse is answered badly. It counts
         /// as refused.
         TypeWrite = "type-write",
         /// 0x1C32 or 0x1C33 cannot be read back in SAFEOP. The written values count as accepted.
@@ -55,7 +55,7 @@ impl core::fmt::Display for Service {
     }
 }
 
-/// A service that a SubDevice answered wrongly, and without which it is used.
+/// A service that a SubDevice answered badly, and without which it is used.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Substitute {
     /// The service.
@@ -88,7 +88,7 @@ impl SubDevice {
         Ok(())
     }
 
-    /// Whether this service was answered wrongly before.
+    /// Whether this service was answered badly before.
     pub(crate) fn does_without(&self, service: Service) -> bool {
         self.substitutes.iter().any(|substitute| substitute.service == service)
     }

@@ -441,7 +441,7 @@ impl Device {
         self.ready.clear();
     }
 
-    /// Handles the begin of a step; returns the frame that brought its outputs.
+    /// Handles the start of a step; returns the frame that brought its outputs.
     #[inline]
     fn began(&mut self, at: Time<DeviceClock>, step: Step) -> Time<True> {
         match step {

@@ -87,7 +87,7 @@ pub(crate) struct Disturbances {
     power: BTreeMap<usize, (Time<True>, bool)>,
     /// Changes that have not happened yet, in the order of time.
     notices: Vec<Notice>,
-    /// Cuts too short for any ESC to notice: begin and end.
+    /// Cuts too short for any ESC to notice: start and end.
     unnoticed: Vec<(Time<True>, Time<True>)>,
     errors: Vec<BitError>,
     /// Faults of frames on cables.

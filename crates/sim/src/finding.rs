@@ -18,7 +18,7 @@ use crate::judge::{Late, LostPulses};
 pub struct Finding {
     /// The place.
     pub place: Place,
-    /// Since when, counted from the begin of the judged time; `None`: from its begin, or unknown.
+    /// Since when, counted from the start of the judged time; `None`: from its start, or unknown.
     pub since: Option<Nanos>,
     /// The kind with its figures.
     pub kind: Kind,

@@ -15,7 +15,7 @@ use crate::random::Stream;
 #[cfg(test)]
 mod tests;
 
-/// How a clock deviates from true time. Points of true time count from the begin of the run.
+/// How a clock deviates from true time. Points of true time count from the start of the run.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct ClockModel {
     /// Constant deviation, ppb; positive is fast.
@@ -329,7 +329,7 @@ struct Wander {
     every: u64,
     /// Deviation in each interval of the way there, 2⁻⁶⁴ ns per ps.
     rates: Vec<i64>,
-    /// Its sum in the count up to the begin of each interval, and to the end of the last.
+    /// Its sum in the count up to the start of each interval, and to the end of the last.
     sums: Vec<i128>,
 }
 
@@ -351,7 +351,7 @@ impl Wander {
         Self { every, rates, sums }
     }
 
-    /// Number of intervals until it is back at its begin and repeats.
+    /// Number of intervals until it is back at its start and repeats.
     const PERIOD: u64 = 2 * WALK_PIECES as u64;
 
     /// Deviation in the interval with this number, and its sum up to the interval.

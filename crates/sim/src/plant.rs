@@ -173,7 +173,7 @@ impl PlantSetup {
 /// A machine in motion under a constant torque.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Motion {
-    /// Begin of the motion.
+    /// Start of the motion.
     pub at: Time<True>,
     /// The state at that time.
     pub state: State,

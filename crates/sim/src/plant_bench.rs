@@ -16,7 +16,7 @@ pub struct PlantBench {
     judges: Vec<PlantJudge>,
     /// By judge: the time up to which its actions are known.
     known: Vec<Time<True>>,
-    /// The present cycle, in system time and in true time, and the begin of the next one.
+    /// The present cycle, in system time and in true time, and the start of the next one.
     cycle: (Time<Dc>, Time<True>),
     next: Time<True>,
     look: i64,

@@ -64,7 +64,7 @@ pub struct Outcome<T> {
     pub world: World<Motion, T>,
     /// The judges at the end of the judged time.
     pub bench: Bench,
-    /// Begin of the judged time in true time; `None` if it never began.
+    /// Start of the judged time in true time; `None` if it never began.
     pub began: Option<Time<True>>,
     /// End of the judged time in true time.
     pub ended: Option<Time<True>>,

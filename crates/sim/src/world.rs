@@ -118,7 +118,7 @@ pub trait Tap {
     fn judging_ends(&mut self, _at: Time<True>, _main: &MainDevice, _segment: &Segment) {}
 
     /// Called when a cycle is complete at `at`, after the application was called if process data
-    /// runs, with the MainDevice and the segment at that time. The program has every frame of the
+    /// run, with the MainDevice and the segment at that time. The program has every frame of the
     /// cycle, or gave it up since the next cycle is due. SubDevices are advanced to the last frame
     /// that passed them.
     fn cycle(&mut self, _at: Time<True>, _main: &MainDevice, _segment: &Segment) {}
@@ -133,7 +133,7 @@ pub trait Tap {
 pub struct ServedCycle {
     /// Number of frames with process data since it was first judged.
     pub number: u64,
-    /// Number of frames of all kinds that did not come back, since the begin of the run.
+    /// Number of frames of all kinds that did not come back, since the start of the run.
     pub frames_lost: u64,
 }
 

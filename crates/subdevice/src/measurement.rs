@@ -12,7 +12,7 @@ pub(crate) struct Measurement {
     on: bool,
     /// Whether any measurement was started since power-on.
     begun: bool,
-    /// Begin of the present step, by step; for the mapping of the outputs, the event that started
+    /// Start of the present step, by step; for the mapping of the outputs, the event that started
     /// it.
     step_began: [Time<Device>; Step::ALL.len()],
     /// The event from which Outputs Valid and Input Latch are counted.
@@ -84,7 +84,7 @@ impl Measurement {
         self.step_began[Step::MapOutputs as usize] = now;
     }
 
-    /// Takes the begin of a step.
+    /// Takes the start of a step.
     pub fn begins(&mut self, now: Time<Device>, step: Step) {
         if step != Step::MapOutputs {
             self.step_began[step as usize] = now;

@@ -68,7 +68,7 @@ const IN_BURST: u8 = 6;
 const IN_OPERATION: u8 = 4;
 /// Time from one drift datagram to the next at first.
 const BURST: Picos = Picos(100_000_000);
-/// Largest lateness of the host after the cycle's begin; lateness is uniformly distributed.
+/// Largest lateness of the host after the cycle's start; lateness is uniformly distributed.
 const LATENESS_PS: u64 = 20_000_000;
 
 /// Controls the clocks of a line and measures those at these numbers of hops.

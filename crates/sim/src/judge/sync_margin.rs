@@ -34,7 +34,7 @@ impl SyncMargin {
         }
     }
 
-    /// Takes the begin of copying.
+    /// Takes the start of copying.
     pub fn begins(&mut self) {
         self.copying = true;
     }

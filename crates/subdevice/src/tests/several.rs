@@ -72,7 +72,7 @@ fn the_application_has_one_image_of_each_direction() {
     assert_eq!(bench.esc.memory[0x1500..0x1505], [count, count, count, count, 0]);
 }
 
-/// One byte too few and one too many in the second SyncManager, and the possible begin of its three
+/// One byte too few and one too many in the second SyncManager, and the possible start of its three
 /// buffers.
 #[test]
 fn each_sync_manager_is_checked() {

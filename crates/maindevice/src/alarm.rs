@@ -1,24 +1,25 @@
-//! What is told when something leaves its limits, and when it is back.
+//! Alarms: reports that a value left its limits, and that it is back.
 
 use core::fmt;
 
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
 
-/// What is wrong with a SubDevice, or with how it is led.
+/// What is wrong with a SubDevice, or with the timing of its frames.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Alarm {
     /// 0x092C stays beyond the limit.
     Difference,
-    /// 0x092C stays beyond the limit, and its slope does not lead back.
+    /// 0x092C stays beyond the limit, and its slope does not lead back to it.
     NotConverging,
-    /// The clock slides: the slope of 0x092C over the last readings is beyond what the loop leaves.
+    /// The clock drifts: the slope of 0x092C over the last readings is larger than a working drift
+    /// loop leaves.
     Sliding,
-    /// The first SYNC pulse is still pending (0x0984): the clock makes none.
+    /// The first SYNC pulse is still pending (0x0984): the clock makes no pulses.
     SyncPending,
-    /// The clock's registers can't be read.
+    /// The clock's registers cannot be read.
     Silent,
-    /// Frames come so late that less is left before SYNC0 than wanted.
+    /// Frames come so late that less time is left before SYNC0 than configured.
     Margin,
     /// A counter of 0x1C32 or 0x1C33 rises, or its sync error (:20) is set.
     Counter,
@@ -27,7 +28,7 @@ pub enum Alarm {
 }
 
 impl Alarm {
-    /// Those of clocks.
+    /// The alarms of clocks.
     pub const OF_CLOCKS: [Alarm; 5] =
         [Self::Difference, Self::NotConverging, Self::Sliding, Self::SyncPending, Self::Silent];
 }
@@ -37,41 +38,41 @@ impl Alarm {
 pub struct Change {
     /// Position of the SubDevice.
     pub position: usize,
-    /// Which.
+    /// The alarm.
     pub alarm: Alarm,
-    /// It came; else it is over.
+    /// True if the alarm came, false if it is over.
     pub raised: bool,
-    /// What was found.
+    /// The values that raised or ended it.
     pub found: Found,
 }
 
-/// What raised an alarm or let it go.
+/// The values that raised or ended an alarm.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Found {
-    /// At a clock.
+    /// Of a clock.
     Clock {
         /// 0x092C as last read.
         difference: Nanos,
-        /// Its slope over the last readings, ns per second; 0 while there are too few.
+        /// Slope of 0x092C over the last readings, ns per second; 0 while there are too few.
         slope_ppb: i64,
     },
-    /// Before SYNC0.
+    /// Of the time before SYNC0.
     Margin {
-        /// What the latest frame left.
+        /// Time that the latest frame left.
         left: Nanos,
-        /// What is wanted.
+        /// Time that is configured.
         limit: Nanos,
     },
-    /// In an object.
+    /// Of an object.
     Counter {
-        /// Which.
+        /// The object.
         object: ObjectAddress,
-        /// As last read.
+        /// Its value as last read.
         value: u32,
-        /// How much it has risen since it was first read.
+        /// Increase since the first reading.
         risen: u64,
     },
-    /// At the mailbox.
+    /// Of the mailbox.
     Mailbox {
         /// Services without an answer so far.
         unanswered: u32,
@@ -79,13 +80,13 @@ pub enum Found {
 }
 
 impl Change {
-    /// What came or went, without the place: `the clock is off: 0x092C is 340 ns, slope +3000 ns/s, away`.
+    /// The alarm without the place: `the clock is off: 0x092C is 340 ns, slope +3000 ns/s, away`.
     pub const fn what(&self) -> What {
         What(*self)
     }
 }
 
-/// What came or went, see [`Change::what`].
+/// Displays an alarm without its place, see [`Change::what`].
 #[derive(Clone, Copy, Debug)]
 pub struct What(Change);
 
@@ -134,7 +135,7 @@ impl fmt::Display for Found {
     }
 }
 
-/// Raised by several readings in a row, and let go by more.
+/// A state that several bad readings in a row raise, and several good ones end.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Hysteresis {
     up: bool,
@@ -144,12 +145,13 @@ pub(crate) struct Hysteresis {
 }
 
 impl Hysteresis {
-    /// Readings in a row that raise it and let it go, one at least.
+    /// Numbers of readings in a row that raise it and end it; at least one each.
     pub const fn new(raise: u8, let_go: u8) -> Self {
         Self { up: false, count: 0, raise, let_go }
     }
 
-    /// `bad`: beyond the limit, `good`: well within. What it becomes, if it changes.
+    /// Takes a reading. `bad`: beyond the limit, `good`: well within. Returns the new state if it
+    /// changed.
     pub fn sample(&mut self, bad: bool, good: bool) -> Option<bool> {
         let (counts, needed) = if self.up { (good, self.let_go) } else { (bad, self.raise) };
         self.count = if counts { self.count + 1 } else { 0 };
@@ -167,7 +169,7 @@ impl Hysteresis {
 
 /// Readings in a row that raise an alarm.
 pub(crate) const RAISE: u8 = 3;
-/// Readings in a row that let it go.
+/// Readings in a row that end an alarm.
 pub(crate) const LET_GO: u8 = 8;
 
 #[cfg(test)]
@@ -176,7 +178,8 @@ mod tests {
 
     use super::*;
 
-    /// Either side of each number of readings; what is neither bad nor good breaks a row.
+    /// Tests both sides of each number of readings. A reading that is neither bad nor good ends a
+    /// row.
     #[test]
     fn rows_raise_and_let_go() {
         let mut alarm = Hysteresis::new(2, 3);

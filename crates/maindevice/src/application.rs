@@ -1,16 +1,18 @@
-//! The application on the cycle: what a user of the MainDevice writes.
+//! The application on the cycle: the part that a user of the MainDevice writes.
 //!
-//! The machine itself knows when a cycle is complete: every frame of it is back, or the next cycle is due and the rest is
-//! given up. Then, and once for each cycle, [`MainDevice::poll_cycle`] calls [`Application::cycle`] with a [`Cycle`]: the
-//! inputs that came back, which of them are of this very cycle, and the outputs that leave with the next one. The same
-//! application runs on a real interface and in virtual time, as a [`Runner`](crate::Runner) calls it in both.
+//! The MainDevice knows when a cycle is complete: every frame of it is back, or the next cycle is
+//! due and the missing frames are given up. Then, once for each cycle, [`MainDevice::poll_cycle`]
+//! calls [`Application::cycle`] with a [`Cycle`]. It holds the inputs that came back, which of them
+//! are of this cycle, and the outputs that leave with the next one. The same application runs on a
+//! real interface and in virtual time, since a [`Runner`](crate::Runner) calls it in both.
 //!
-//! - Frames that are no part of the cycle (requests, readings in the background) do not count.
-//! - A cycle without process data calls no application: before all SubDevices are to go to SAFEOP, and after they left
-//!   it, there is nothing to compute. The first frames of process data carry zeros; SubDevices use no outputs before OP,
-//!   and the application has been called ten times at least until the first of them gets there.
-//! - What is still on its way when the cycle is given up and comes later is taken all the same:
-//!   [`Device::inputs_cycle`] says of which cycle the inputs of a SubDevice are.
+//! - Frames that are not part of the cycle (requests, readings in the background) do not count.
+//! - In a cycle without process data the application is not called. These are the cycles before all
+//!   SubDevices go to SAFEOP and after they left it. The first frames of process data carry zeros.
+//!   SubDevices use no outputs before OP, and the application has been called at least ten times
+//!   before the first of them gets there.
+//! - A frame that comes after its cycle was given up is still used: [`Device::inputs_cycle`] is the
+//!   cycle of a SubDevice's inputs.
 
 use isocat_sync::phase::external::Stamps;
 use isocat_wire::al::{AlState, AlStatus};
@@ -22,9 +24,9 @@ use crate::event::{Event, RequestId};
 use crate::machine::MainDevice;
 use crate::segment::SubDevice;
 
-/// What is done with process data.
+/// A user of the process data.
 ///
-/// A closure that takes a [`Cycle`] is one, and `()` is one that does nothing.
+/// A closure that takes a [`Cycle`] is an application, and `()` is one that does nothing.
 ///
 /// ```
 /// use isocat_maindevice::{Application, Cycle};
@@ -42,14 +44,15 @@ use crate::segment::SubDevice;
 /// }
 /// ```
 pub trait Application {
-    /// Called once in each cycle with process data, in order: all of its frames are back or given up, and those of the
-    /// next cycle have not left. Outputs that are written here leave with the next cycle.
+    /// Called once in each cycle with process data, in order. All frames of the cycle are back or
+    /// given up, and those of the next cycle have not left. Outputs that are written here leave
+    /// with the next cycle.
     ///
-    /// It has the time until the next cycle is due; what it takes longer makes that cycle late.
+    /// It should return before the next cycle is due; otherwise that cycle is late.
     fn cycle(&mut self, cycle: &mut Cycle<'_>);
 
-    /// Something happened. Answers to requests that were made with [`Cycle::upload`], [`Cycle::download`] and
-    /// [`Cycle::read_memory`] come here too.
+    /// Called for each event. Answers to requests made with [`Cycle::upload`], [`Cycle::download`]
+    /// and [`Cycle::read_memory`] also come here.
     fn event(&mut self, event: &Event) {
         let _ = event;
     }
@@ -65,13 +68,14 @@ impl<F: FnMut(&mut Cycle<'_>)> Application for F {
     }
 }
 
-/// When the application is called.
+/// The call of the application.
 impl MainDevice {
-    /// Calls the application if the last input has completed a cycle, and gives the cycle's number: all of its frames are
-    /// back, or the next one is due and what is not back was given up. Once for each cycle, in order; the
-    /// application is not called for those without process data. To be called behind each input, before
-    /// [`poll_transmit`](Self::poll_transmit): a cycle that nobody asked for is not told any more when the next one is
-    /// over.
+    /// Calls the application if the last input has completed a cycle, and returns the cycle's
+    /// number. A cycle is complete if all of its frames are back, or if the next one is due and the
+    /// missing ones were given up. Each cycle is returned once, in order; the application is not
+    /// called for cycles without process data. Call this after each input, before
+    /// [`poll_transmit`](Self::poll_transmit): a complete cycle that was not polled before the next
+    /// one is complete is not reported.
     #[inline]
     pub fn poll_cycle<A: Application + ?Sized>(&mut self, application: &mut A) -> Option<u64> {
         let (number, has_data) = self.take_closed()?;
@@ -82,27 +86,30 @@ impl MainDevice {
     }
 }
 
-/// One cycle that is complete, in the hands of the application.
+/// One complete cycle, as the application sees it.
 ///
-/// - What came back: [`devices`](Self::devices), [`device`](Self::device), [`inputs`](Self::inputs),
-///   [`reference_time`](Self::reference_time).
-/// - What leaves with the next cycle: [`outputs_mut`](Self::outputs_mut), or by the devices.
-/// - Requests: [`upload`](Self::upload), [`download`](Self::download), [`read_memory`](Self::read_memory),
-///   [`external_stamps`](Self::external_stamps), [`stop`](Self::stop).
-/// - All else that can be known: [`main`](Self::main).
+/// - What came back: [`devices`](Self::devices), [`device`](Self::device),
+///   [`inputs`](Self::inputs), [`reference_time`](Self::reference_time).
+/// - What leaves with the next cycle: [`outputs_mut`](Self::outputs_mut), or
+///   [`Device::outputs_mut`].
+/// - Requests: [`upload`](Self::upload), [`download`](Self::download),
+///   [`read_memory`](Self::read_memory), [`external_stamps`](Self::external_stamps),
+///   [`stop`](Self::stop).
+/// - All other information: [`main`](Self::main).
 pub struct Cycle<'a> {
     main: &'a mut MainDevice,
     number: u64,
 }
 
 impl<'a> Cycle<'a> {
-    /// Its number, from 1 on. Cycles before process data count too, so the first call has a higher one.
+    /// Its number, from 1 on. Cycles before process data count too, so the first call has a number
+    /// above 1.
     pub fn number(&self) -> u64 {
         self.number
     }
 
-    /// System time at which the first frame of this cycle passed the reference clock. `None` if that frame is not back,
-    /// did not reach all clocks, or there is no reference clock.
+    /// System time at which the first frame of this cycle passed the reference clock. `None` if
+    /// that frame is not back or did not reach all clocks, or if there is no reference clock.
     pub fn reference_time(&self) -> Option<Time<Dc>> {
         self.main.exchange()?.reference_time_of(self.number)
     }
@@ -112,8 +119,8 @@ impl<'a> Cycle<'a> {
         self.main.next_cycle()
     }
 
-    /// See [`MainDevice::next_grid`]. It tells how far a motion is better than a count of the calls: a host that slept has
-    /// skipped cycles.
+    /// See [`MainDevice::next_grid`]. It measures the progress of a motion better than a count of
+    /// the calls, since a host that slept skips cycles.
     pub fn next_grid(&self) -> Option<Time<Dc>> {
         self.main.next_grid()
     }
@@ -123,13 +130,13 @@ impl<'a> Cycle<'a> {
         self.main.segment().devices.len()
     }
 
-    /// Whether there is no SubDevice.
+    /// Whether there are no SubDevices.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// All SubDevices, in the order of the process image: by position, and those of groups with a longer cycle behind
-    /// the others.
+    /// All SubDevices, in the order of the process image: by position, with groups of a longer
+    /// cycle after the others.
     pub fn devices(&mut self) -> Devices<'_> {
         let number = self.number;
         let (segment, exchange) = self.main.parts_mut();
@@ -154,17 +161,17 @@ impl<'a> Cycle<'a> {
         Some(Device { number, found, exchanged, outputs })
     }
 
-    /// The inputs of the SubDevice at a position as they last came back; empty if it has none.
+    /// The inputs of the SubDevice at a position as they last came back; empty without inputs.
     pub fn inputs(&self, position: usize) -> &[u8] {
         self.main.inputs(position)
     }
 
-    /// The outputs of the SubDevice at a position; empty if it has none.
+    /// The outputs of the SubDevice at a position; empty without outputs.
     pub fn outputs_mut(&mut self, position: usize) -> &mut [u8] {
         self.main.outputs_mut(position)
     }
 
-    /// The MainDevice, to look at.
+    /// The MainDevice, read only.
     pub fn main(&self) -> &MainDevice {
         self.main
     }
@@ -200,7 +207,8 @@ pub struct Devices<'a> {
     number: u64,
     devices: &'a [SubDevice],
     exchanged: Option<Exchanged<'a>>,
-    /// Those that are not given out yet, and how many are.
+    /// The outputs that the iterator has not given out yet. `before` is the length of those given
+    /// out.
     outputs: &'a mut [u8],
     before: usize,
     order: core::slice::Iter<'a, usize>,
@@ -246,53 +254,57 @@ impl Device<'_> {
         self.found.station
     }
 
-    /// All that is known of it: name, mapping, times, states.
+    /// All that is known of the SubDevice: name, mapping, times, states.
     pub fn subdevice(&self) -> &SubDevice {
         self.found
     }
 
-    /// Its inputs as they last came back; empty if it has none. They are of one moment, as no SubDevice is divided among
-    /// frames.
+    /// Its inputs as they last came back; empty without inputs. All of them were latched at one
+    /// time, since the inputs of a SubDevice are never divided among frames.
     pub fn inputs(&self) -> &[u8] {
         self.exchanged.inputs(self.found)
     }
 
-    /// The outputs that leave with the next cycle in which its group takes part; empty if it has none. They hold what was
-    /// last written here.
+    /// The outputs that leave with the next cycle in which its group takes part; empty without
+    /// outputs. They keep what was last written.
     pub fn outputs_mut(&mut self) -> &mut [u8] {
         self.outputs
     }
 
-    /// Copies as many inputs to outputs as both have.
+    /// Copies inputs to outputs, up to the shorter length.
     pub fn copy_inputs_to_outputs(&mut self) {
         let inputs = self.exchanged.inputs(self.found);
         let len = inputs.len().min(self.outputs.len());
         self.outputs[..len].copy_from_slice(&inputs[..len]);
     }
 
-    /// Whether its inputs are of this very cycle. False while its group does not take part, if its frame was lost or is
-    /// late, if its datagram did not count right, while it is absent, and if it has no inputs.
+    /// Whether its inputs are of this cycle. False if its group does not take part in this cycle,
+    /// if its frame was lost or is late, if its datagram's working counter was wrong, if it is
+    /// absent, and if it has no inputs.
     pub fn is_fresh(&self) -> bool {
         self.inputs_cycle() == Some(self.number)
     }
 
-    /// The number of the cycle that its inputs are of; `None` if none came back yet, or it has none.
+    /// The number of the cycle of its inputs; `None` if no inputs came back yet, or it has none.
     pub fn inputs_cycle(&self) -> Option<u64> {
         self.exchanged.inputs_cycle(self.found.position)
     }
 
-    /// Whether frames of its group left in this cycle. Always true for a mapped SubDevice without a cycle of its own.
+    /// Whether frames of its group left in this cycle. Always true for a mapped SubDevice in the
+    /// bus cycle.
     pub fn takes_part(&self) -> bool {
         self.exchanged.takes_part(self.found.position)
     }
 
-    /// Whether it is there and takes part in the exchange. False for one that was lost, or has not come yet.
+    /// Whether it is present and takes part in the exchange. False for a SubDevice that is lost or
+    /// has not come yet.
     pub fn is_admitted(&self) -> bool {
         self.found.admitted
     }
 
-    /// Whether it was in OP when its state was last read. While the segment is in operation, a SubDevice that leaves OP is
-    /// seen some cycles later; on the way up it is true from the moment at which all are there.
+    /// Whether it was in OP when its state was last read. In operation, a SubDevice that leaves OP
+    /// is noticed some cycles later; during bring-up this becomes true when all SubDevices are in
+    /// OP.
     pub fn is_in_operation(&self) -> bool {
         self.found.admitted && self.found.al_status == AlStatus::new(AlState::Op)
     }

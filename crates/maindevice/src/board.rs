@@ -1,4 +1,5 @@
-//! The notice board: what the machine keeps and procedures read, what they ask for, and what is told outside.
+//! The notice board: state that the machine writes and procedures read, wishes of procedures to the
+//! machine, and events for the user.
 
 use alloc::collections::VecDeque;
 
@@ -8,49 +9,52 @@ use isocat_wire::time::{Dc, Host, Time};
 use crate::event::Event;
 use crate::statistics::Statistics;
 
-/// Events kept until somebody takes them; more are counted and dropped, so that memory is bounded.
+/// Events kept until they are taken. Further events are counted and dropped, so that memory is
+/// bounded.
 const MOST_EVENTS: usize = 1024;
 
-/// What is known of the run besides the frames that are under way.
+/// What is known of the run, apart from the frames in flight.
 pub(crate) struct Board {
     /// Counts of the run.
     pub statistics: Statistics,
     /// Cycles begun.
     pub cycle: u64,
-    /// Cycles in a row whose process data all counted right.
+    /// Cycles in a row with all working counters of process data right.
     pub complete_cycles: u64,
-    /// Working counter expected and found where process data were last incomplete.
+    /// Expected and found working counter of the last incomplete process data.
     pub incomplete: (u16, u16),
-    /// Last reference time that the cycle brought back, and when its frame was sent.
+    /// Last reference time that the cycle brought back, and the host time at which its frame was
+    /// sent.
     pub reference_time: (Time<Host>, Time<Dc>),
-    /// Whether the cycle's drift datagram leads the clocks, and does not only read.
+    /// Whether the cycle's drift datagram controls the clocks; otherwise it only reads.
     pub leading: bool,
-    /// When a drift frame was last sent, of the cycle or beside it.
+    /// When a drift frame was last sent, in the cycle or in addition to it.
     pub led_at: Time<Host>,
-    /// When the cycle's next one is due.
+    /// When the next drift frame of the cycle is due.
     pub lead_due: Time<Host>,
-    /// How often frames have come to take another way to the clocks, as far as their working counters show it.
+    /// How often frames have changed their way to the clocks, as far as their working counters show
+    /// it.
     pub way_changes: u64,
-    /// What the ring is, if there is to be one.
+    /// The state of the ring, if one is configured.
     pub ring: Option<RingState>,
-    /// What a procedure wants of the cycle; taken by the machine.
+    /// Wishes of procedures to the cycle; the machine takes them.
     pub wishes: VecDeque<Wish>,
     events: VecDeque<Event>,
     dropped: u64,
 }
 
-/// What a procedure wants of the cyclic exchange.
+/// A wish of a procedure to the cyclic exchange.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Wish {
-    /// The clocks are left to themselves.
+    /// Do not control the clocks.
     HoldClocks,
-    /// This position leads the clocks from now on.
+    /// Use the clock at this position as reference from now on.
     Lead(usize),
-    /// This position takes no part any more.
+    /// The SubDevice at this position takes no part any more.
     LeaveOut(usize),
 }
 
-/// What the copies that came back say of the ring.
+/// What the returned copies of frames tell about the ring.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) enum View {
     /// Nothing yet.
@@ -58,24 +62,24 @@ pub(crate) enum View {
     Unknown,
     /// Frames come through from end to end.
     Whole,
-    /// The same, but SubDevices look into what comes from the secondary port.
+    /// Frames pass from end to end, but SubDevices process the frames from the secondary port.
     Reverse,
-    /// So many SubDevices answer to the primary port, and to the secondary port.
+    /// Numbers of SubDevices that answer to the primary port and to the secondary port.
     Cut { near: u16, far: u16 },
 }
 
-/// What procedures and machine share of the ring.
+/// The state of the ring that procedures and machine share.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RingState {
-    /// Frames leave the primary port only.
+    /// Frames leave only the primary port.
     pub line: bool,
-    /// Whose port towards the secondary port is closed.
+    /// The SubDevice whose port towards the secondary port is closed.
     pub exit: Option<StationAddress>,
     pub view: View,
 }
 
 impl Board {
-    /// Nothing is known yet.
+    /// A board without any information.
     pub fn new() -> Self {
         Self {
             statistics: Statistics::default(),
@@ -94,7 +98,7 @@ impl Board {
         }
     }
 
-    /// Tells an event.
+    /// Queues an event.
     pub fn report(&mut self, event: Event) {
         if self.events.len() >= MOST_EVENTS {
             self.dropped += 1;
@@ -103,7 +107,7 @@ impl Board {
         }
     }
 
-    /// The next event.
+    /// Takes the next event.
     pub fn poll_event(&mut self) -> Option<Event> {
         if let Some(event) = self.events.pop_front() {
             return Some(event);

@@ -1,10 +1,10 @@
-//! The way up, in three pieces between which the machine starts the cyclic exchange and the process
-//! data.
+//! The bring-up, in three pieces. Between them the machine starts the cyclic exchange and the
+//! process data.
 //!
-//! [`prepare`] needs no cycle: from the scan to the plan. Then the machine sends the drift datagram
-//! in every cycle and locks the host onto the reference clock. [`synchronize`] programs SYNC and
-//! goes to SAFEOP. Then process data run, and [`operate`] goes to OP once they are complete and
-//! SYNC is seen to run. [`stop`] is the way back.
+//! [`prepare`] needs no cycle: it goes from the scan to the plan. Then the machine sends the drift
+//! datagram in every cycle and locks the host onto the reference clock. [`synchronize`] programs
+//! SYNC and goes to SAFEOP. Then process data run, and [`operate`] goes to OP once the data are
+//! complete and SYNC is verified. [`stop`] leads back to INIT.
 
 use alloc::boxed::Box;
 use alloc::sync::Arc;
@@ -30,7 +30,7 @@ use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{Segment, SubDevice};
 use crate::{clock, esm, mapping, mode, objects, ring, scan, sii, soe, sync, timing};
 
-/// What a piece of the way works on, and gives back whether it got to its end or not.
+/// What a piece of the bring-up works on. It is returned on success and on failure.
 pub(crate) struct Work {
     pub link: Link,
     pub config: Arc<Config>,
@@ -39,7 +39,7 @@ pub(crate) struct Work {
     pub stage: Stage,
 }
 
-/// The end of a piece.
+/// The result of a piece.
 pub(crate) type End = (Work, Result<(), Error>);
 
 impl Work {
@@ -60,13 +60,13 @@ pub(crate) async fn prepare(mut work: Work) -> End {
     work.end(result)
 }
 
-/// SYNC programmed, SAFEOP.
+/// Programs SYNC and goes to SAFEOP.
 pub(crate) async fn synchronize(mut work: Work) -> End {
     let result = synchronization(&mut work).await;
     work.end(result)
 }
 
-/// Process data complete, SYNC seen to run, OP.
+/// Waits for complete process data, verifies SYNC, and goes to OP.
 pub(crate) async fn operate(mut work: Work) -> End {
     let result = operation(&mut work).await;
     if matches!(result, Err(Cause::Refused { .. } | Cause::StateTimeout { .. })) {
@@ -143,8 +143,8 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     Ok(())
 }
 
-/// Longest cycle in which a reference clock is led: clocks 200 ppm apart stay within 0.3 us in it,
-/// and are 1 us apart at 4 ms.
+/// Longest cycle in which a reference clock is controlled. Clocks 200 ppm apart stay within 0.3 us
+/// at 2 ms, but differ by 1 us at 4 ms.
 const LONGEST_LED_CYCLE: Nanos = Nanos(2_000_000);
 
 /// Settings that make no sense are refused before anything is sent.
@@ -253,7 +253,7 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
     Ok(())
 }
 
-/// Writes what the configuration wants written in PREOP, and reads what process data and synchronization are.
+/// Writes the configured objects in PREOP, and reads the mapping and the synchronization objects.
 pub(crate) async fn read_objects(
     mut mailbox: Option<&mut Mailbox>,
     device: &mut SubDevice,
@@ -390,7 +390,7 @@ async fn operation(work: &mut Work) -> Result<(), Cause> {
     ring::open(link).await
 }
 
-/// Waits until the first pulse must be over.
+/// Waits until the first pulse must have happened.
 async fn wait_for_sync(link: &Link, config: &Config, segment: &Segment) -> Result<(), Cause> {
     let Some(reference) = segment.reference else { return Ok(()) };
     let starts = segment.devices.iter().filter_map(|device| device.sync);
@@ -408,11 +408,11 @@ async fn wait_for_sync(link: &Link, config: &Config, segment: &Segment) -> Resul
     Ok(())
 }
 
-/// The longest period of a grid of pulses, of which the first pulse may be one behind its lead.
+/// Longest period of a pulse grid. The first pulse may come one period after its lead time.
 const LONGEST_GRID: Nanos = Nanos(i32::MAX as i64);
 
-/// All SubDevices to SAFEOP: outputs end. Those that refuse or are silent do not hold up the
-/// others.
+/// Takes all SubDevices to SAFEOP, which ends the outputs. SubDevices that refuse or do not answer
+/// do not delay the others.
 pub(crate) async fn leave_operation(mut work: Work) -> End {
     work.enter(Stage::Stop);
     let (link, config) = (work.link.clone(), work.config.clone());
@@ -424,7 +424,7 @@ pub(crate) async fn leave_operation(mut work: Work) -> End {
     work.end(results.into_iter().collect())
 }
 
-/// PREOP, SYNC off, INIT.
+/// Goes to PREOP, switches SYNC off, and goes to INIT.
 pub(crate) async fn stop(mut work: Work) -> End {
     work.stage = Stage::Stop;
     let (link, config) = (work.link.clone(), work.config.clone());
@@ -460,13 +460,13 @@ pub(crate) async fn stop(mut work: Work) -> End {
     work.end(preop.into_iter().chain([sync]).chain(init).chain([opened]).collect())
 }
 
-/// The way up has failed: the ring is left as it was found.
+/// Restores the ring as it was found, after a failed bring-up.
 pub(crate) async fn open_ring(work: Work) -> End {
     let result = ring::open(&work.link).await;
     work.end(result)
 }
 
-/// One step down, for a SubDevice that is above.
+/// Takes a SubDevice one state down, if it is in a higher state.
 pub(crate) async fn step_down(
     link: &Link,
     device: &mut SubDevice,
@@ -486,7 +486,7 @@ pub(crate) async fn step_down(
     esm::change(link, device, state, patience).await
 }
 
-/// Does the same at SubDevices side by side, to the end at every one.
+/// Runs the same procedure at all SubDevices concurrently, and waits for all of them.
 pub(crate) async fn settle<'a>(
     devices: impl IntoIterator<Item = &'a mut SubDevice>,
     procedure: impl Fn(&'a mut SubDevice) -> Procedure<'a, Result<(), Cause>>,
@@ -519,7 +519,7 @@ pub(crate) async fn each_with_mailbox<'a>(
     left_out::each_of(config, positions, all).await
 }
 
-/// Reads the SII of all; that of equal ones once, if that is allowed.
+/// Reads the SII of all SubDevices. Equal ones are read only once, if that is allowed.
 async fn read_sii(link: &Link, config: &Config, segment: &mut Segment) -> Result<Failures, Cause> {
     if !config.share_sii {
         return each(config, segment, |device| Box::pin(sii::read(link, config, device))).await;

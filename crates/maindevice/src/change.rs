@@ -1,4 +1,5 @@
-//! Changes of the segment while it runs: SubDevices that went or came back, clocks that lead, rings that are cut.
+//! Changes of the segment while it runs: SubDevices lost and re-admitted, changes of the reference
+//! clock, cuts of a ring.
 
 use alloc::format;
 use core::fmt;
@@ -9,15 +10,16 @@ use crate::error::Cause;
 use crate::event::Event;
 
 crate::kinds! {
-    /// What became of a SubDevice, or of the segment. A run in which this happened was not the same throughout.
+    /// A change of a SubDevice or of the segment. A run with such a change did not have the same
+    /// conditions throughout.
     #[derive(Clone, PartialEq, Eq, Debug)]
     pub enum SegmentChange {
         /// The SubDevice no longer answers at its station address.
         Lost = "lost" {
-            /// Cycle in which that was found out.
+            /// Cycle in which the loss was noticed.
             cycle: u64,
         },
-        /// The SubDevice failed on the way up, and the others run without it.
+        /// The SubDevice failed during bring-up, and the others run without it.
         LeftOut = "left-out" {
             /// What went wrong.
             cause: Cause,
@@ -29,22 +31,22 @@ crate::kinds! {
             /// Host time since it was found.
             after: Nanos,
         },
-        /// The SubDevice was found and can't be admitted.
+        /// The SubDevice was found but cannot be admitted.
         NotAdmitted = "not-admitted" {
-            /// Why not.
+            /// The reason.
             cause: Cause,
         },
         /// The SubDevice had left OP and was brought back.
         Recovered = "recovered" {
-            /// Host time that this took.
+            /// Host time that the recovery took.
             after: Nanos,
         },
         /// The SubDevice had left OP and could not be brought back.
         NotRecovered = "not-recovered" {
-            /// Why not.
+            /// The reason.
             cause: Cause,
         },
-        /// The clock of the SubDevice leads from this cycle on.
+        /// The clock of the SubDevice is the reference clock from this cycle on.
         ReferenceElected = "reference-elected" {
             /// Cycle.
             cycle: u64,
@@ -55,10 +57,10 @@ crate::kinds! {
             primary: Option<usize>,
             /// The first position that the secondary port reaches; null: the port itself.
             secondary: Option<usize>,
-            /// Cycle in which that was seen.
+            /// Cycle in which the cut was noticed.
             cycle: u64,
         },
-        /// The clock of the SubDevice leads the clocks behind the cut of a ring.
+        /// The clock of the SubDevice is the reference for the clocks behind the cut of a ring.
         ClocksSplit = "clocks-split" {
             /// Cycle.
             cycle: u64,
@@ -68,7 +70,7 @@ crate::kinds! {
             /// Cycle.
             cycle: u64,
         },
-        /// The SubDevices that answer are not the tree of the scan.
+        /// The SubDevices that answer are not those of the scan.
         Unplanned = "unplanned" {
             /// SubDevices that answer.
             found: u16,
@@ -77,7 +79,8 @@ crate::kinds! {
 }
 
 impl SegmentChange {
-    /// The change that an event tells of, with the position of the SubDevice; `None`: it tells of something else.
+    /// The change that an event reports, with the position of the SubDevice; `None` for other
+    /// events.
     pub fn of(event: &Event) -> Option<(Option<usize>, Self)> {
         Some(match event {
             Event::Lost { position, cycle } => (Some(*position), Self::Lost { cycle: *cycle }),
@@ -111,12 +114,12 @@ impl SegmentChange {
         })
     }
 
-    /// Whether all is well again with it.
+    /// Whether the change ends a fault.
     pub fn is_good(&self) -> bool {
         matches!(self, Self::Admitted { .. } | Self::Recovered { .. } | Self::RingHealed { .. })
     }
 
-    /// Whether a SubDevice came or went, or was left out from the start.
+    /// Whether a SubDevice was lost or admitted, or left out from the start.
     pub fn is_move(&self) -> bool {
         matches!(self, Self::Lost { .. } | Self::Admitted { .. } | Self::LeftOut { .. })
     }

@@ -1,12 +1,13 @@
 //! Distributed clocks: delays, offsets, drift.
 //!
 //! 1. The port receive times are latched several times and turned into delays (`delay`).
-//! 2. All clocks get one time: that of the reference clock as it runs. The host gives no date, so
-//!    the segment's time is not the time since 2000 but that since the reference was switched on.
-//!    Offsets are made from local times of one and the same frame, so the delay is in them and
-//!    nothing jumps.
-//! 3. What the sign of each clock's 0x092C means is found out, as register texts contradict each other.
-//! 4. The filters are reset and the drift loop is driven by FRMW until every clock has converged.
+//! 2. All clocks get one time: that of the reference clock as it runs. The host sets no date, so
+//!    the segment's time counts from the power-on of the reference clock, not from the year 2000.
+//!    Offsets are computed from local times of one frame, so they include the delay and no time
+//!    jumps.
+//! 3. The polarity of each clock's 0x092C is measured, since register documentations contradict
+//!    each other.
+//! 4. The filters are reset, and FRMW frames drive the drift loop until every clock has converged.
 
 use isocat_wire::register::{self, Value};
 use isocat_wire::time::Nanos;
@@ -34,7 +35,7 @@ pub(crate) use settings::depths;
 use settings::{SPEED_COUNTER_START, write};
 pub(crate) use shift::shift;
 
-/// Measures and sets delays and offsets, then drives the drift loop. Nothing to do without a clock.
+/// Measures and sets delays and offsets, then drives the drift loop. Does nothing without a clock.
 pub(crate) async fn synchronize(
     link: &Link,
     config: &Config,
@@ -53,8 +54,8 @@ pub(crate) async fn synchronize(
     Ok(())
 }
 
-/// How fast each clock runs when nobody leads it, against the reference clock. Corrections that an earlier run
-/// left in the clocks are taken away first.
+/// Measures the speed of each free-running clock against the reference clock. Corrections that an
+/// earlier run left in the clocks are reset first.
 pub(crate) async fn measure_speeds(
     link: &Link,
     config: &Config,
@@ -115,7 +116,7 @@ fn set_offsets(segment: &mut Segment, reference: usize, latches: &[Latch]) {
     segment.devices[reference].offset = 0;
 }
 
-/// From one latch to the other: both ticks of 10 ns then make 0.1 ppm.
+/// Time from one latch to the other. At this length the two ticks of 10 ns make 0.1 ppm.
 const SPEED_WINDOW: Nanos = Nanos(200_000_000);
 
 /// A tick of 10 ns, in ns times 10^9.
@@ -125,5 +126,5 @@ const TICK_E9: i64 = 10_000_000_000;
 /// of two.
 const SIGMAS: i64 = 4;
 
-/// Pairs of latches that may be lost.
+/// Number of pairs of latches that may be lost.
 const MOST_TRIES: usize = 3;

@@ -121,7 +121,7 @@ pub(crate) async fn download(
     Ok(())
 }
 
-/// Description and name of an object.
+/// Reads the description and name of an object.
 pub(crate) async fn object_description(
     mailbox: &mut Mailbox,
     index: u16,
@@ -137,7 +137,7 @@ pub(crate) async fn object_description(
     Ok((description, text(name)))
 }
 
-/// Description and name of an entry.
+/// Reads the description and name of an entry.
 pub(crate) async fn entry_description(
     mailbox: &mut Mailbox,
     object: ObjectAddress,
@@ -163,7 +163,7 @@ pub(crate) async fn entry_description(
     Ok((description, text(rest.get(skip..).unwrap_or(&[]))))
 }
 
-/// One SDO information service; the data of all fragments.
+/// Runs one SDO information service; returns the data of all fragments.
 async fn information(
     mailbox: &mut Mailbox,
     opcode: Opcode,
@@ -203,7 +203,7 @@ async fn information(
     }
 }
 
-/// Sends an initiate message; the answer behind the CoE header, aborts taken out.
+/// Sends an initiate message. Returns the answer after the CoE header; an abort becomes an error.
 async fn initiate(mailbox: &mut Mailbox, message: &[u8], object: ObjectAddress) -> SdoResult {
     // A late answer to another entry, given up earlier, is not the answer to this one.
     let is_answer = |answer: &[u8]| {
@@ -216,7 +216,7 @@ async fn initiate(mailbox: &mut Mailbox, message: &[u8], object: ObjectAddress) 
     exchange(mailbox, message, is_answer).await
 }
 
-/// Sends a segment; the answer behind the CoE header, aborts taken out.
+/// Sends a segment. Returns the answer after the CoE header; an abort becomes an error.
 async fn segment(mailbox: &mut Mailbox, message: &[u8]) -> SdoResult {
     exchange(mailbox, message, is_sdo).await
 }
@@ -257,18 +257,18 @@ fn unexpected(expected: &'static str, found: u8) -> SdoError {
     SdoError::Answer { expected, found }
 }
 
-/// Names are ASCII or UTF-8 without end mark; anything else is shown as far as it can be.
+/// A name as text. Names are ASCII or UTF-8 without an end mark; invalid bytes are replaced.
 fn text(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
     String::from_utf8_lossy(&bytes[..end]).into_owned()
 }
 
-/// Longest object that is uploaded. The objects of synchronization take some bytes, the longest ones of the field some 100 KB;
-/// a device may announce 4 GB.
+/// Longest object that is uploaded. Synchronization objects have a few bytes and the longest common
+/// objects some 100 KB, but a device may announce 4 GB.
 const MOST_BYTES: usize = 1 << 20;
 /// Time for each byte of an upload in segments.
 const SLOWEST_BYTE: Nanos = Nanos(1_000_000);
-/// Bytes of a description and its name, of all fragments, beyond which it is none.
+/// Most bytes of a description and its name, of all fragments together.
 const MOST_DESCRIPTION: usize = 0x1_0000;
 
 const SHORT: SdoError = SdoError::Mailbox(MailboxError::Short { length: mailbox::HEADER_LEN });

@@ -1,18 +1,19 @@
-//! The cyclic exchange: frames built once, sent at the phase planned, allocation-free.
+//! The cyclic exchange: frames built once, sent at the planned phase, without allocation.
 //!
 //! All frames of a cycle are in flight together. The first begins with the drift datagram (FRMW of
-//! 0x0910): it distributes the reference time and brings it back for the servo. Where the reference
-//! clock is led (see `Config::direction`), a write of its 0x0910 follows (FPWR; NOP in a cycle with nothing to
-//! write). Then come the chunks of process data and, last, a broadcast read of AL status, by which a SubDevice that
-//! leaves its state is noticed in the same cycle. Inputs are taken only from a chunk that counts
-//! right, so inputs of one SubDevice are always of one moment; a lost frame is counted and never
-//! stops the exchange.
+//! 0x0910): it distributes the reference time and brings it back for the servo. If the reference
+//! clock is controlled (see `Config::direction`), a write of its 0x0910 follows (FPWR; NOP in a
+//! cycle with nothing to write). Then come the chunks of process data and, last, a broadcast read
+//! of AL status, which shows in the same cycle that a SubDevice left its state. Inputs are taken
+//! only from a chunk with the right working counter, so the inputs of one SubDevice are always of
+//! one cycle. A lost frame is counted and never stops the exchange.
 //!
-//! A cycle is over when all of its frames are back, at the latest when the next one is due (`complete`). The next one
-//! does not begin before that, so that the application has its turn in between.
+//! A cycle is complete when all of its frames are back, at the latest when the next one is due
+//! (`complete`). The next one does not begin earlier, so that the application is called in between.
 //!
-//! SubDevices whose cycle is k bus cycles have frames of their own, which leave in every k-th bus cycle only: in
-//! those whose number by system time is a multiple of k, as their SYNC pulses come. Frames of every cycle go first.
+//! SubDevices with a cycle of k bus cycles have separate frames, which leave only in every k-th bus
+//! cycle: those whose number by system time is a multiple of k, as for the SYNC pulses. Frames of
+//! every cycle go first.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -38,71 +39,72 @@ pub(crate) use layout::{MOST_CHUNK, chunk_times, frames};
 use presence::{Place, Reference};
 pub(crate) use receive::extend;
 
-/// The exchange and its state.
+/// The cyclic exchange and its state.
 pub(crate) struct CyclicExchange {
     cycle: Nanos,
     send_phase: Nanos,
     servo: Servo,
-    /// Cycles that the servo takes to lock.
+    /// Number of cycles that the servo needs to lock.
     samples_to_lock: u32,
     last_state: State,
     reference: Option<Reference>,
-    /// Leads the reference clock; `None`: nobody does.
+    /// Controls the reference clock; `None`: it runs freely.
     drive: Option<Drive>,
-    /// What was written to the reference clock, by parity of the cycle.
+    /// The time written to the reference clock, by parity of the cycle.
     written: [Option<Time<Dc>>; 2],
     count: u16,
     image: ProcessImage,
-    /// Process data run; before that only the drift datagram and AL status.
+    /// Whether process data run; before that only the drift datagram and AL status are sent.
     exchanging: bool,
-    /// What `exchanging` becomes with the next cycle.
+    /// The value of `exchanging` from the next cycle on.
     wanted: bool,
     source: [u8; 6],
     frames: Vec<CyclicFrame>,
-    /// Bits that the number of a frame needs; one is left for the cycle's at least, as the mapping has at most 64.
+    /// Bits for the number of a frame in the index. At least one bit remains for the cycle's
+    /// number, since the mapping has at most 64 frames.
     frame_bits: u32,
-    /// Some of the frames do not leave in every cycle.
+    /// Whether some of the frames do not leave in every cycle.
     grouped: bool,
-    /// The number of the present bus cycle by system time, if some do not.
+    /// The number of the present bus cycle by system time, if `grouped`.
     slot: u64,
     outputs: Vec<u8>,
     inputs: Vec<u8>,
-    /// Cycles for which each chunk has counted wrongly: with LRW or LRD, with LWR.
+    /// Number of cycles with a wrong working counter, by chunk: of LRW or LRD, and of LWR.
     wrong: Vec<[u64; 2]>,
-    /// By position: where its process data are, and whether they take part.
+    /// By position: the place of its process data, and whether it takes part.
     places: Vec<Place>,
-    /// By chunk: writers and readers that take part.
+    /// By chunk: numbers of writers and readers that take part.
     admitted: Vec<(u16, u16)>,
-    /// SubDevices that take part.
+    /// Number of SubDevices that take part.
     present: u16,
-    /// The frames are built anew with the next cycle.
+    /// Whether the frames must be rebuilt with the next cycle.
     stale: bool,
     number: u64,
-    /// Instant for the next frame, or of the cycle being sent.
+    /// When the next frame is due, or the cycle being sent.
     due: Time<Host>,
     /// The system time that this frame finds at the reference clock.
     grid: Time<Dc>,
-    /// The cycle that is due was put off after the caller had slept.
+    /// Whether the due cycle was postponed because the caller had slept.
     put_off: bool,
-    /// When the port has sent this cycle's frames so far, and the gap behind them.
+    /// When the port will have sent the frames of this cycle so far, including the gap after them.
     through: Time<Host>,
-    /// Next frame of this cycle to send; all are sent if it is the number of frames.
+    /// Next frame of this cycle to send. If it is the number of frames, all are sent.
     next_frame: usize,
     closing: Closing,
     taken: Taken,
-    /// Positions in the order of the image.
+    /// Positions in the order of the process image.
     order: Vec<usize>,
-    /// The count of SubDevices that last answered.
+    /// Number of SubDevices that last answered.
     answering: u16,
-    /// Indices of frames that were given up, a bit for each, until the index is used again.
+    /// Indices of frames that were given up, one bit each, until the index is used again.
     given_up: u128,
-    /// In a ring, frames reach all clocks in one order however it is cut.
+    /// Whether there is a ring. In a ring, frames reach all clocks in one order even if it is cut.
     in_ring: bool,
     /// Last OR of all AL status.
     pub al_status: u16,
-    /// Phase errors are counted.
+    /// Whether phase errors are counted.
     pub measuring: bool,
-    /// The largest of them since it was last taken.
+    /// The largest phase error since it was last taken.
     latest: Option<Nanos>,
 }
 
@@ -177,7 +179,7 @@ impl CyclicExchange {
         cycle
     }
 
-    /// How long locking may take, being asked to wait `patience` at least.
+    /// How long locking may take, at least `patience`.
     pub fn lock_patience(&self, patience: Nanos) -> Nanos {
         patience.max(Nanos(self.cycle.0 * 4 * i64::from(self.samples_to_lock)))
     }
@@ -187,8 +189,7 @@ impl CyclicExchange {
         self.wanted = on;
     }
 
-    /// Whether the host is locked onto the reference clock; without one there is nothing to lock
-    /// to.
+    /// Whether the host is locked onto the reference clock; always true without a reference clock.
     pub fn is_locked(&self) -> bool {
         self.reference.is_none() || self.servo.state() == State::Locked
     }
@@ -198,7 +199,7 @@ impl CyclicExchange {
         &self.servo
     }
 
-    /// What leads the reference clock, if something does.
+    /// The control of the reference clock, if it is controlled.
     pub fn drive(&self) -> Option<&Drive> {
         self.drive.as_ref()
     }
@@ -210,7 +211,7 @@ impl CyclicExchange {
         }
     }
 
-    /// Cycles begun.
+    /// Number of cycles begun.
     pub fn number(&self) -> u64 {
         self.number
     }
@@ -220,45 +221,45 @@ impl CyclicExchange {
         self.due
     }
 
-    /// The system time that the next cycle finds at the reference clock.
+    /// The system time at which the next cycle finds the reference clock.
     pub fn grid(&self) -> Time<Dc> {
         self.grid
     }
 
-    /// Whether all frames of the cycle are out.
+    /// Whether all frames of the cycle are sent.
     pub fn is_sent(&self) -> bool {
         self.next_frame >= self.frames.len() || self.next_frame == 0
     }
 
-    /// When the port has sent the frames of this cycle that are out, and the gap behind them.
+    /// When the port will have sent the frames of this cycle so far, including the gap after them.
     pub fn through(&self) -> Time<Host> {
         self.through
     }
 
-    /// What the frames of the emptiest cycle leave of it, the gaps taken off.
+    /// The wire time that the frames of the emptiest cycle leave free, less the gaps.
     pub fn spare(&self) -> Nanos {
         let wire = |frame: &CyclicFrame| duration_ns(frame.bytes.len()) as i64 + GAP.0;
         let always = self.frames.iter().filter(|frame| frame.every == 1);
         self.cycle - Nanos(always.map(wire).sum())
     }
 
-    /// Frames that are under way.
+    /// Number of frames in flight.
     pub fn in_flight(&self) -> usize {
         self.frames.iter().flat_map(|frame| frame.flights).flatten().count()
     }
 
-    /// The outputs of the image.
+    /// The outputs of the process image.
     pub fn outputs_mut(&mut self) -> &mut [u8] {
         &mut self.outputs
     }
 
-    /// The inputs of the image.
+    /// The inputs of the process image.
     pub fn inputs(&self) -> &[u8] {
         &self.inputs
     }
 }
 
-/// What leads the reference clock, as the configuration has it.
+/// The control of the reference clock, by the configuration.
 fn drive(config: &crate::Config) -> Option<Drive> {
     match config.direction {
         Direction::FollowReference => None,

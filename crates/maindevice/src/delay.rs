@@ -1,9 +1,10 @@
-//! Propagation delays: latching the receive times, and what many latches make of them.
+//! Propagation delays: latching the receive times, and the evaluation of many latches.
 //!
-//! [`latch`] is the procedure, [`Estimator`] takes its [`Times`] and gives the delays of all SubDevices. A latch
-//! whose frame was lost, or that not every SubDevice took, is none, which
-//! [`Statistics`](crate::Statistics) counts. One in which a single SubDevice contradicts itself is left out
-//! there, and below it where the branch can't be told.
+//! [`latch`] is the procedure; [`Estimator`] takes its [`Times`] and returns the delays of all
+//! SubDevices. A latch whose frame was lost, or that not every SubDevice took, is discarded and
+//! counted by [`Statistics`](crate::Statistics). If the times of a single SubDevice contradict each
+//! other, the latch is left out for it, and for SubDevices below it if their branch cannot be
+//! determined.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -38,8 +39,8 @@ pub(crate) type Times = Vec<Latch>;
 pub(crate) struct Stations {
     /// Station and what its DC unit can do.
     list: Vec<(StationAddress, DcCapability)>,
-    /// One of them stamps the next frame instead of the one that latches: no other may be under way
-    /// then.
+    /// Whether one of them stamps the next frame instead of the one that latches. No other frame
+    /// may then be in flight.
     quiet: bool,
 }
 
@@ -50,27 +51,27 @@ pub(crate) fn stations(segment: &Segment) -> Stations {
     Stations { list, quiet: devices.iter().any(|device| stamps_next_frame(device.esc.kind)) }
 }
 
-/// Whether a write to 0x0900 enables ports 1 to 3 to stamp the next frame that arrives there,
-/// whatever is in it: so an ESC20 and an ET1200, by their type (register 0x0000). Others stamp the
-/// frame that writes.
+/// Whether a write to 0x0900 makes ports 1 to 3 stamp the next frame that arrives there, whatever
+/// its content. ESC20 and ET1200 do so, by their type (register 0x0000). Others stamp the frame
+/// that writes.
 fn stamps_next_frame(kind: u8) -> bool {
     matches!(kind, 0x02 | 0x12)
 }
 
-/// One write to 0x0900 and all times that it latched. It disturbs nothing: SYNC and the drift loop do not use
-/// them.
+/// Writes 0x0900 once and reads all times that it latched. It disturbs neither SYNC nor the drift
+/// loop, since they do not use these times.
 pub(crate) async fn latch(link: &Link, stations: &Stations) -> Result<Times, AccessError> {
     latch_among(link, stations, 0).await
 }
 
-/// The same, while up to so many others take the write too.
+/// The same, but up to `strangers` other SubDevices may take the write too.
 pub(crate) async fn latch_among(
     link: &Link,
     Stations { list: stations, quiet }: &Stations,
     strangers: u16,
 ) -> Result<Times, AccessError> {
     let timed = stations.iter().filter(|(_, dc)| dc.has_receive_times()).count();
-    // A repetition after a loss might leave times of two frames: rather another latch.
+    // A repetition after a loss might mix the times of two frames, so a new latch is made instead.
     let travel = Travel { alone: false, once: true, quiet: *quiet };
     let address = Address::Broadcast(register::RECEIVE_TIME_0.address);
     let write = link.exchange(Command::Bwr, address, vec![0; 4], travel);
@@ -111,8 +112,8 @@ pub(crate) async fn latch_among(
     Ok(all)
 }
 
-/// With receive times it shows where frames really come in; parents follow from that. Ports whose time did
-/// not change from one latch to the next were not reached.
+/// Finds the port at which frames enter each SubDevice with receive times, and from that its
+/// parent. A port whose time did not change from one latch to the next was not reached.
 pub(crate) fn find_entries(
     segment: &mut Segment,
     before: Option<&Times>,
@@ -140,9 +141,10 @@ pub(crate) fn find_entries(
     Ok(())
 }
 
-/// Makes delays of many latches. No input or output of its own: [`Estimator::sample`] takes what was read.
+/// Computes delays from many latches. It does no input or output: [`Estimator::sample`] takes the
+/// times that were read.
 pub(crate) struct Estimator {
-    /// The receive times in it are those of the last latch.
+    /// Their receive times are those of the last latch.
     nodes: Vec<Node>,
     reference: usize,
     rate_ppb: u32,
@@ -150,13 +152,14 @@ pub(crate) struct Estimator {
     means: Vec<Mean>,
     previous: Vec<Option<[u32; 4]>>,
     latches: usize,
-    /// A round trip that changes by more from latch to latch is none, ns.
+    /// Largest plausible change of a round trip from latch to latch, ns; a larger one shows a stale
+    /// time.
     most_change: u32,
 }
 
 impl Estimator {
-    /// For a segment whose parents are known. `rate_ppb`: how much the speeds of two clocks may
-    /// differ; `jitters`: [`Config::hop_jitter`](crate::Config::hop_jitter).
+    /// An estimator for a segment whose parents are known. `rate_ppb`: how much the speeds of two
+    /// clocks may differ; `jitters`: [`Config::hop_jitter`](crate::Config::hop_jitter).
     pub fn new(segment: &Segment, reference: usize, rate_ppb: u32, jitters: bool) -> Self {
         let count = segment.devices.len();
         let longest_jitter = if jitters { HOP_CHANGE_NS.saturating_mul(count as u32) } else { 0 };
@@ -188,12 +191,12 @@ impl Estimator {
         self.latches += 1;
     }
 
-    /// Latches taken.
+    /// Number of latches taken.
     pub fn latches(&self) -> usize {
         self.latches
     }
 
-    /// The largest standard error of those that are known.
+    /// The largest standard error of the known delays.
     pub fn worst_error(&self) -> Picos {
         let error = |delay: Delay| match delay {
             Delay::Known { standard_error, .. } => standard_error,
@@ -202,26 +205,26 @@ impl Estimator {
         self.delays().into_iter().map(error).max().unwrap_or_default()
     }
 
-    /// The delays by position.
+    /// The delays, by position.
     pub fn delays(&self) -> Vec<Delay> {
         let averaging = Averaging::of(&self.means);
         self.means.iter().map(|mean| mean.delay(averaging)).collect()
     }
 
-    /// What the mean of one SubDevice is made of.
+    /// The mean of one SubDevice.
     pub fn mean(&self, position: usize) -> Mean {
         self.means.get(position).copied().unwrap_or_default()
     }
 
-    /// Forgets all latches but the last, whose times tell which of the next are stale.
+    /// Forgets all latches but the last, whose times show which of the next ones are stale.
     pub fn restart(&mut self) {
         self.means.iter_mut().for_each(|mean| *mean = mean.restarted());
         self.latches = 0;
     }
 }
 
-/// The times, or such as say that they contradict each other, if a port holds the time of an earlier frame: the
-/// round trip to it then changed by the time between two latches.
+/// The times; if a port holds the time of an earlier frame, times that contradict each other. The
+/// round trip to such a port changed by the time between two latches.
 fn without_stale(node: &Node, times: [u32; 4], before: [u32; 4], most_change: u32) -> [u32; 4] {
     let entry = node.entry.index();
     let open = |port: &PortNumber| node.open[port.index()] && *port != node.entry;
@@ -232,7 +235,7 @@ fn without_stale(node: &Node, times: [u32; 4], before: [u32; 4], most_change: u3
     });
     let mut times = times;
     if let Some(port) = stale {
-        // Before the frame came in.
+        // This is before the frame entered.
         times[port.index()] = times[entry].wrapping_sub(1);
     }
     times
@@ -241,7 +244,7 @@ fn without_stale(node: &Node, times: [u32; 4], before: [u32; 4], most_change: u3
 fn node(device: &SubDevice) -> Node {
     let mut stay = Stay::of_esc(device.esc.kind);
     if !device.dc.has_receive_times() {
-        // Its entry is not known either, so what it adds may be the other way round.
+        // Its entry port is not known either, so its two stays may be exchanged.
         let difference = (stay.processing - stay.forwarding).abs();
         stay.difference_bound += difference + difference;
     }
@@ -254,8 +257,8 @@ fn node(device: &SubDevice) -> Node {
     }
 }
 
-/// How much frames jitter on their way from the reference clock, by position; nothing if hops do
-/// not.
+/// The jitter of frames on their way from the reference clock, by position; zero if hops do not
+/// jitter.
 pub(crate) fn jitter(segment: &Segment, reference: usize, jitters: bool) -> Vec<HopJitter> {
     let mut all = vec![HopJitter::default(); segment.devices.len()];
     if !jitters {
@@ -279,15 +282,15 @@ pub(crate) fn jitter(segment: &Segment, reference: usize, jitters: bool) -> Vec<
     all
 }
 
-/// Standard deviation of 0x092C by position (1 sigma), as frames arrive: in whole ns, rounded up.
+/// Standard deviation of 0x092C by position (1 sigma), before its filter, in whole ns, rounded up.
 pub(crate) fn noise(segment: &Segment, jitters: bool) -> Vec<Nanos> {
     let all = jitter(segment, segment.reference.unwrap_or(0), jitters);
     all.iter().map(|one| Nanos((one.arrival_deviation().0 + 999) / 1_000)).collect()
 }
 
-/// Period of the clock that takes frames from a port into the ESC's own, by the kind of port
-/// (register 0x0007): the nibble clock of MII, a tick for EBUS. A bound; how often it is reached,
-/// nobody publishes.
+/// Period of the clock that takes frames from a port into the ESC's own clock, by the kind of port
+/// (register 0x0007): the nibble clock for MII, a tick for EBUS. It is a bound; how often it is
+/// reached is not published.
 fn receive_period(ports: u8, port: PortNumber) -> Picos {
     const EBUS: u8 = 0b10;
     match ports >> (2 * port.index()) & 0b11 {
@@ -296,16 +299,16 @@ fn receive_period(ports: u8, port: PortNumber) -> Picos {
     }
 }
 
-/// How far the speeds of two free-running clocks may lie apart: 50 ppm each.
+/// Largest difference of the speeds of two free-running clocks: 50 ppm each.
 pub(crate) const FREE_RUNNING_PPB: u32 = 100_000;
-/// The same for clocks that the drift loop keeps: within 1 ppm, or they would not stay together.
+/// The same for clocks in a drift loop: within 1 ppm, or they would not stay together.
 pub(crate) const STEERED_PPB: u32 = 1_000;
-/// A round trip changes by ticks and jitter from latch to latch; a stale time by the time in between, which is
-/// longer than a frame.
+/// A round trip changes by ticks and jitter from latch to latch. With a stale time it changes by
+/// the time in between, which is longer than a frame.
 const MOST_CHANGE_NS: u32 = 2_000;
-/// What a hop there and back may make of that.
+/// How much one hop, there and back, may add to it.
 const HOP_CHANGE_NS: u32 = 80;
-/// The pause between two latches is twice as long at least.
+/// Limit of that addition: half of the shortest pause between two latches.
 const MOST_JITTER_NS: u32 = 500_000;
 
 #[cfg(test)]
@@ -354,7 +357,7 @@ mod tests {
         assert_eq!(nanos(&estimator), [None, None, None]);
     }
 
-    /// A port at which no frame comes back any more keeps its time.
+    /// A port to which no frame comes back any more keeps its time.
     #[test]
     fn a_stale_port_is_left_out_and_counted() {
         let mut estimator = Estimator::new(&line(3), 0, FREE_RUNNING_PPB, false);
@@ -367,7 +370,7 @@ mod tests {
         }
         // The next latch differs from the stale one as well.
         assert_eq!((estimator.mean(1).latches(), estimator.mean(1).left_out()), (3, 2));
-        // Then it was cable for those behind it.
+        // For the SubDevices behind it the port then counts as cable.
         assert_eq!(estimator.mean(2).latches(), 5);
         assert_eq!(nanos(&estimator), [Some(0), Some(155), Some(310)]);
         for number in 5..20 {

@@ -1,9 +1,10 @@
-//! Whether the delays are still what they were: measured on while the segment runs.
+//! Checks the delays while the segment runs.
 //!
-//! The machine asks [`DelayWatch::due`] when to latch, and gives what came back to [`DelayWatch::sample`]. When an
-//! estimate is whole it is compared with the delays in force, and what is beyond the errors of both comes out
-//! as [`Change`]s. Stays of chips are the same in both, so only what differs from one measurement to the other
-//! counts: quantization, noise and the speed of clocks, which ran free at start.
+//! The machine asks [`DelayWatch::due`] when to latch, and passes the times to
+//! [`DelayWatch::sample`]. A complete estimate is compared with the delays in force, and a
+//! difference beyond the errors of both is returned as a [`Change`]. The stays of chips are the
+//! same in both measurements, so only other errors count: quantization, noise and the speed of
+//! clocks, which ran free at start.
 
 use alloc::vec::Vec;
 
@@ -14,7 +15,7 @@ use crate::config;
 use crate::delay::{Estimator, STEERED_PPB, Times};
 use crate::segment::{Segment, SubDevice};
 
-/// The machine of it. Made when the segment is in operation.
+/// Watches the delays. It is made when the segment is in operation.
 pub(crate) struct DelayWatch {
     config: config::DelayWatch,
     next: Time<Host>,
@@ -25,27 +26,27 @@ pub(crate) struct DelayWatch {
 /// One SubDevice.
 #[derive(Clone, Copy, Debug)]
 struct Watched {
-    /// What 0x0928 holds; `None`: nothing to compare with.
+    /// The value of 0x0928; `None`: nothing to compare with.
     written: Option<Nanos>,
     /// Standard error of that, ps.
     error: i64,
     /// Its systematic part, ps.
     systematic: i64,
-    /// It was reported that it changed.
+    /// Whether the change was reported.
     told: bool,
 }
 
-/// What an estimate says of one SubDevice.
+/// The result of an estimate for one SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Change {
     pub position: usize,
     pub written: Nanos,
-    /// `None`: it is again what is in force.
+    /// `None`: the delay in force is right again.
     pub found: Option<Delay>,
 }
 
-/// Standard errors that the two may lie apart. A segment of 300 goes wrong by chance in one of ten thousand
-/// estimates.
+/// Largest difference of the two, in standard errors. In a segment of 300, chance exceeds it in one
+/// of ten thousand estimates.
 const SIGMAS: i64 = 5;
 
 impl DelayWatch {
@@ -66,13 +67,13 @@ impl DelayWatch {
         })
     }
 
-    /// Whether it is time to latch.
+    /// Whether a latch is due.
     pub fn due(&self, now: Time<Host>) -> bool {
         now >= self.next
     }
 
-    /// Takes the times of a latch, or `None` if it did not come back whole. Gives what has changed, if the latch
-    /// makes an estimate whole.
+    /// Takes the times of a latch, or `None` if it did not come back complete. Returns the changes
+    /// if the latch completes an estimate.
     pub fn sample(&mut self, now: Time<Host>, times: Option<&Times>) -> Vec<Change> {
         self.next = now + self.config.every;
         if let Some(times) = times {
@@ -87,7 +88,7 @@ impl DelayWatch {
         all.filter_map(|(position, (device, delay))| device.judge(position, delay)).collect()
     }
 
-    /// 0x0928 was written with this.
+    /// Called after 0x0928 was written with this delay.
     pub fn rewritten(&mut self, position: usize, delay: Delay) {
         if let (Some(device), Some(nanos)) = (self.devices.get_mut(position), delay.nanos()) {
             *device = Watched::new(Some(nanos), Some(delay));
@@ -112,8 +113,9 @@ impl Watched {
         let apart = (delay - Picos::from(written)).0.abs();
         let square = |error: i64| u128::from(error.unsigned_abs()).pow(2);
         let error = (square(self.error) + square(standard_error.0)).isqrt() as i64;
-        // What the speeds of free-running clocks made at start is what the systematic part has lost since; what
-        // steered ones make is a hundredth of it. The register holds whole ns.
+        // The share of the free-running clocks' speeds at start is the part by which the systematic
+        // error became smaller. Clocks in a drift loop have a hundredth of it. The register holds
+        // whole ns.
         let speed = (self.systematic - systematic.0).max(0) * 102 / 100;
         let changed = apart > SIGMAS * error + speed + 1_000;
         match (changed, self.told) {
@@ -165,7 +167,7 @@ mod tests {
         DelayWatch::new(config, &segment(), Time::ZERO, false).expect("it has a clock")
     }
 
-    /// Four latches of this loop; what changed.
+    /// Takes four latches with this loop and returns the changes.
     fn estimate(watch: &mut DelayWatch, away: u32) -> Vec<Change> {
         let mut changes = Vec::new();
         for _ in 0..4 {
@@ -179,7 +181,8 @@ mod tests {
         changes
     }
 
-    /// Latches at one place in the tick: 2.042 ns, with 0.6 ns of the first measurement 2.129 ns, five times.
+    /// The latches are at one place in the tick, so the error is 2.042 ns; with 0.6 ns of the first
+    /// measurement it is 2.129 ns, times five.
     #[test]
     fn both_sides_of_the_error() {
         let mut watch = watch();

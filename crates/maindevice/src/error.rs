@@ -1,4 +1,4 @@
-//! Why a segment did not come up: at which stage, at which place, expected and found.
+//! Errors of the bring-up: the stage, the place, and expected against found.
 
 use alloc::string::String;
 use alloc::vec::Vec;
@@ -22,20 +22,20 @@ use crate::stage::Stage;
 /// A failure, with the stage at which it happened.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Error {
-    /// What was being done.
+    /// The stage that failed.
     pub stage: Stage,
     /// What went wrong.
     pub cause: Cause,
 }
 
-/// Whose fault a failure is.
+/// Which part caused a failure.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Fault {
-    /// A SubDevice refused, was silent or contradicts itself.
+    /// A SubDevice refused, did not answer or contradicted itself.
     SubDevice,
     /// Frames were lost, damaged or not answered.
     Segment,
-    /// What was asked for does not fit.
+    /// The configuration does not fit the segment.
     Configuration,
 }
 
@@ -59,9 +59,9 @@ impl fmt::Display for Place {
 /// What went wrong.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Cause {
-    /// A datagram was lost or counted wrongly.
+    /// A datagram was lost or had a wrong working counter.
     Access(AccessError),
-    /// Frames come back, but no SubDevice has touched them.
+    /// Frames come back, but no SubDevice has processed them.
     Empty,
     /// Not one frame came back.
     Silent {
@@ -69,24 +69,24 @@ pub enum Cause {
         sent: u64,
         /// Time waited.
         after: Nanos,
-        /// Another MainDevice on this wire: its address, and its frames that came in.
+        /// Another MainDevice on this wire: its address, and the number of its frames received.
         foreign: Option<([u8; 6], u64)>,
     },
-    /// Other than the configured number of SubDevices.
+    /// The number of SubDevices is not the configured one.
     Count {
         /// As configured.
         expected: usize,
-        /// As answered.
+        /// Number that answered.
         found: usize,
     },
-    /// Open ports do not make a tree of the SubDevices counted.
+    /// The open ports do not make a tree of the SubDevices that answered.
     Topology {
         /// SubDevices counted.
         devices: usize,
         /// Ports at which a SubDevice must follow.
         ports: usize,
     },
-    /// Another device than configured.
+    /// The device is not the configured one.
     Identity {
         /// Where.
         place: Place,
@@ -95,35 +95,36 @@ pub enum Cause {
         /// Vendor id and product code in its SII.
         found: (u32, u32),
     },
-    /// Somebody at a place in the order of frames is none of those configured that may stand there.
+    /// No configured SubDevice may be at a place where one answers.
     NoSeat {
         /// Place in the order of frames, from 0.
         place: usize,
         /// Vendor id and product code in its SII.
         found: (u32, u32),
-        /// More than one of those configured would do.
+        /// True if more than one configured SubDevice would fit.
         several: bool,
     },
-    /// A SubDevice that must be there does not answer, while others behind it do.
+    /// A required SubDevice does not answer, while others behind it do.
     Missing {
-        /// Which one.
+        /// Which SubDevice.
         place: Place,
     },
-    /// Its clock is another than was planned with.
+    /// Its clock is not the planned one.
     Clock {
         /// Where.
         place: Place,
         /// As planned.
         planned: DcCapability,
-        /// As its ESC has it.
+        /// As found in its ESC.
         found: DcCapability,
     },
-    /// Frames have come to take another way to it since its delay was measured: something before it came or went.
+    /// Frames take another way to it since its delay was measured: a SubDevice before it was lost
+    /// or has come.
     WayChanged {
         /// Where.
         place: Place,
     },
-    /// The SII can't be read or contradicts itself.
+    /// The SII cannot be read or contradicts itself.
     Sii {
         /// Where.
         place: Place,
@@ -170,7 +171,7 @@ pub enum Cause {
         /// How.
         error: SdoError,
     },
-    /// A parameter of a drive can't be written.
+    /// A parameter of a drive cannot be written.
     Soe {
         /// Where.
         place: Place,
@@ -181,7 +182,7 @@ pub enum Cause {
         /// How.
         error: SoeError,
     },
-    /// An object does not hold what was written to it.
+    /// An object does not hold the value written to it.
     ReadBack {
         /// Where.
         place: Place,
@@ -192,13 +193,13 @@ pub enum Cause {
         /// Value read.
         found: u32,
     },
-    /// The wished mode is not among those that the device announces.
+    /// The configured mode is not possible.
     Mode {
         /// Where.
         place: Place,
-        /// The mode wished.
+        /// The configured mode.
         wish: SyncMode,
-        /// Why not.
+        /// The reason.
         reason: String,
     },
     /// The cycle does not fit a device.
@@ -213,7 +214,7 @@ pub enum Cause {
         /// The line of the budget, with both figures.
         line: Line,
     },
-    /// A mapping can't be made.
+    /// A mapping cannot be made.
     Mapping {
         /// Where.
         place: Place,
@@ -253,7 +254,7 @@ pub enum Cause {
         /// SYNC0 cycle.
         cycle: Nanos,
     },
-    /// Process data did not come back complete before OP was asked for.
+    /// Process data was not complete before the request of OP.
     ProcessData {
         /// Cycles tried.
         cycles: u64,
@@ -262,38 +263,41 @@ pub enum Cause {
         /// Working counter found.
         found: u16,
     },
-    /// The ring of [`Config::ring`](crate::Config::ring) can't be used.
+    /// The ring of [`Config::ring`](crate::Config::ring) cannot be used.
     Ring(RingProblem),
-    /// A setting of the caller makes no sense.
+    /// A setting is outside its range.
     Setting {
-        /// Which.
+        /// Name of the setting.
         name: &'static str,
         /// What it must be.
         expected: &'static str,
     },
 }
 
-/// Why a ring can't be used.
+/// Why a ring cannot be used.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum RingProblem {
-    /// It is cut between SubDevices, which are measured and set as a line from the primary port.
+    /// It is cut between SubDevices, but bring-up measures and configures them as one line from the
+    /// primary port.
     Cut {
         /// SubDevices that answer to the primary port.
         near: u16,
         /// SubDevices that answer to the secondary port only.
         far: u16,
     },
-    /// SubDevices process what comes from the secondary port, the ring being whole: the cables at the MainDevice or at
-    /// a SubDevice are swapped, or a branch hangs behind the port towards the secondary port.
+    /// SubDevices process the frames from the secondary port although the ring is whole: the cables
+    /// at the MainDevice or at a SubDevice are swapped, or a branch hangs behind the port towards
+    /// the secondary port.
     Reverse,
-    /// A branch hangs on a port that frames from the primary port do not come to once they leave for the other end.
+    /// A branch hangs on a port that frames from the primary port no longer reach once they leave
+    /// for the other end.
     Branch {
         /// Where.
         place: Place,
         /// The port of the branch.
         port: PortNumber,
     },
-    /// The port towards the secondary port does not close (register 0x0100).
+    /// The port towards the secondary port cannot be closed (register 0x0100).
     Open {
         /// Where.
         place: Place,
@@ -311,16 +315,16 @@ pub enum SiiProblem {
     Status(u16),
     /// No end mark within the largest size.
     NoEnd,
-    /// Not read to its end in this time, though each access was answered.
+    /// Not read to its end in this time, although each access was answered.
     Slow {
         /// Time waited.
         after: Nanos,
     },
-    /// A mailbox area that a frame can't carry.
+    /// A mailbox area is longer than a frame can carry.
     MailboxLength(u16),
 }
 
-/// Why a mapping can't be made.
+/// Why a mapping cannot be made.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum MappingProblem {
     /// More bytes than one datagram can carry.
@@ -330,14 +334,14 @@ pub enum MappingProblem {
         /// Most bytes.
         most: usize,
     },
-    /// The assignment is fixed and another one was asked for.
+    /// The assignment is fixed, but another one was configured.
     Fixed {
         /// 0x1C12 or 0x1C13.
         index: u16,
     },
-    /// There is no SyncManager for these process data.
+    /// There is no SyncManager for this process data.
     NoSyncManager,
-    /// The device is back with another mapping than the process image was planned for.
+    /// The device is back with another mapping than the process image was planned with.
     Changed {
         /// Bytes of outputs and inputs planned.
         planned: (u16, u16),
@@ -348,17 +352,17 @@ pub enum MappingProblem {
     NoFmmu {
         /// FMMUs needed.
         needed: u8,
-        /// FMMUs there are.
+        /// Number of FMMUs available.
         found: u8,
     },
 }
 
-/// A datagram was lost, or counted other than it must.
+/// A datagram was lost, or had a wrong working counter.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct AccessError {
     /// The command.
     pub command: Command,
-    /// Whom and which register.
+    /// The SubDevice and the register.
     pub address: Address,
     /// What happened.
     pub problem: AccessProblem,
@@ -367,7 +371,7 @@ pub struct AccessError {
 /// What happened to a datagram.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AccessProblem {
-    /// It did not come back, also when it was sent again.
+    /// It did not come back, even after repetitions.
     Lost,
     /// It came back with this working counter.
     WorkingCounter {
@@ -407,9 +411,9 @@ pub enum MailboxError {
         /// Bytes of the mailbox.
         mailbox: u16,
     },
-    /// The answer is shorter than its headers say.
+    /// The answer is shorter than its headers state.
     Short {
-        /// Bytes there are.
+        /// Bytes available.
         length: usize,
     },
     /// The device answers with a mailbox error.
@@ -423,25 +427,25 @@ pub enum MailboxError {
 /// Why an object access failed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SdoError {
-    /// Below CoE.
+    /// An error below CoE.
     Mailbox(MailboxError),
     /// The device aborts.
     Abort(AbortCode),
-    /// The answer makes no sense; its command byte.
+    /// The answer is not a valid one.
     Answer {
         /// What was expected.
         expected: &'static str,
         /// Command byte, or service, found.
         found: u8,
     },
-    /// The device announces more data than are taken.
+    /// The device announces more data than is accepted.
     TooLarge {
         /// Bytes announced.
         size: u32,
         /// Most bytes.
         most: u32,
     },
-    /// The data have another length than the object's description or type says.
+    /// The length of the data is not that of the object's description or type.
     Length {
         /// Bytes expected.
         expected: usize,
@@ -450,10 +454,10 @@ pub enum SdoError {
     },
 }
 
-/// Why a parameter of a drive can't be written.
+/// Why a parameter of a drive cannot be written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SoeError {
-    /// Below SoE.
+    /// An error below SoE.
     Mailbox(MailboxError),
     /// The drive refuses.
     Code(soe::ErrorCode),
@@ -482,7 +486,7 @@ impl From<AccessError> for Cause {
 }
 
 impl Cause {
-    /// Whose fault it is.
+    /// Which part caused it.
     pub fn fault(&self) -> Fault {
         match self {
             Cause::Access(_)
@@ -506,7 +510,7 @@ impl Cause {
         }
     }
 
-    /// The name of the cause, for programs; it stays the same whatever the sentence becomes.
+    /// The name of the cause, for programs. It stays the same even if the message changes.
     pub const fn name(&self) -> &'static str {
         match self {
             Cause::Access(_) => "access",
@@ -539,7 +543,7 @@ impl Cause {
         }
     }
 
-    /// The AL status code (register 0x0134) that it came with, if it is about a state.
+    /// The AL status code (register 0x0134) of a failed state change; `None` for other causes.
     pub const fn al_status_code(&self) -> Option<AlStatusCode> {
         match self {
             Cause::Refused { code, .. } | Cause::StateTimeout { code, .. } => Some(*code),
@@ -547,7 +551,7 @@ impl Cause {
         }
     }
 
-    /// The SubDevice it happened at, if it is one.
+    /// The SubDevice at which it happened, if there is one.
     pub fn place(&self) -> Option<&Place> {
         match self {
             Cause::Identity { place, .. }
@@ -571,7 +575,7 @@ impl Cause {
     }
 }
 
-/// Its name.
+/// The name of the cause.
 impl Figured for Cause {
     fn figure(&self) -> Figure {
         Figure::Text(self.name().into())
@@ -829,5 +833,5 @@ impl fmt::Display for SoeError {
     }
 }
 
-/// The bytes of an upload, or why there are none.
+/// The bytes of an upload, or the reason of its failure.
 pub(crate) type SdoResult = Result<Vec<u8>, SdoError>;

@@ -1,4 +1,4 @@
-//! State changes: request, acknowledge, poll, and the AL status code if it is refused.
+//! State changes: request, acknowledge, poll, and the AL status code of a refusal.
 
 use isocat_wire::al::{AlControl, AlState, AlStatus, AlStatusCode};
 use isocat_wire::register::{self, Value};
@@ -10,10 +10,11 @@ use crate::event::Event;
 use crate::link::Link;
 use crate::segment::SubDevice;
 
-/// Brings a SubDevice into a state within `patience`.
+/// Takes a SubDevice to a state within `patience`.
 ///
-/// The request is repeated while it counts 0: AL control is locked until the firmware has read the
-/// request before. Going to INIT acknowledges errors; on the way up an error is a refusal.
+/// The request is repeated while its working counter is 0: AL control is locked until the firmware
+/// has read the previous request. A request of INIT acknowledges errors; for other states an error
+/// is a refusal.
 pub(crate) async fn change(
     link: &Link,
     device: &mut SubDevice,
@@ -76,7 +77,7 @@ pub(crate) async fn acknowledge(
         if status.state() == Ok(state) && !status.error() {
             return Ok(());
         }
-        // The error stands until the firmware has read the request.
+        // The error bit stays set until the firmware has read the request.
         if link.now() >= end {
             return Err(timeout(device, state, patience));
         }
@@ -84,8 +85,8 @@ pub(crate) async fn acknowledge(
     }
 }
 
-/// AL status and AL status code, registers 0x0130 to 0x0135 in one read, so that both belong
-/// together.
+/// Reads AL status and AL status code, registers 0x0130 to 0x0135, in one access, so that both are
+/// of the same time.
 pub(crate) async fn read_status(
     link: &Link,
     station: StationAddress,
@@ -103,8 +104,8 @@ pub(crate) fn status_of(bytes: &[u8]) -> (AlStatus, AlStatusCode) {
 /// Bytes from AL status to the end of the AL status code.
 pub(crate) const STATUS_LEN: usize = 6;
 
-/// Devices without firmware mirror AL control, the acknowledge bit included, so it is not set for
-/// them.
+/// Devices without firmware mirror AL control including the acknowledge bit, so the bit is not set
+/// for them.
 fn request(device: &SubDevice, state: AlState) -> AlControl {
     if state == AlState::Init && !device.esc.device_emulation() {
         AlControl::request_and_acknowledge(state)
@@ -113,7 +114,7 @@ fn request(device: &SubDevice, state: AlState) -> AlControl {
     }
 }
 
-/// Writes AL control; `false` if it is locked.
+/// Writes AL control; returns `false` if it is locked.
 async fn write_control(
     link: &Link,
     station: StationAddress,
@@ -141,8 +142,8 @@ fn timeout(device: &SubDevice, requested: AlState, after: Nanos) -> Cause {
     }
 }
 
-/// First interval of polling: a fast firmware has answered by then.
+/// First interval of polling: fast firmware answers within it.
 const POLL_FIRST: Nanos = Nanos(200_000);
-/// Longest interval: what it may add to a change that takes long.
+/// Longest interval of polling, which a long change may take in addition.
 const POLL_LAST: Nanos = Nanos(10_000_000);
 const NO_ERROR: AlStatusCode = AlStatusCode::NO_ERROR;

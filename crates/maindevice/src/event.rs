@@ -1,4 +1,4 @@
-//! What the machine tells while it works.
+//! Events that the machine reports while it works.
 
 use alloc::vec::Vec;
 
@@ -11,17 +11,17 @@ use crate::alarm::Change;
 use crate::error::{AccessError, Cause, Error, SdoError};
 pub use crate::stage::Stage;
 
-/// Names an acyclic request until its event comes.
+/// Identifies an acyclic request until its event comes.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct RequestId(pub u32);
 
-/// Something that happened.
+/// An event.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Event {
     /// A stage begins.
     Progress(Stage),
-    /// AL status of a SubDevice changed, wished or not. The code is read when the error bit is set
-    /// or the change was not asked for.
+    /// AL status of a SubDevice changed, on request or by itself. The code is read when the error
+    /// bit is set or the change was not requested.
     StateChanged {
         /// Position.
         position: usize,
@@ -32,30 +32,30 @@ pub enum Event {
         /// Cycle in which it was seen; 0 before the cyclic exchange.
         cycle: u64,
     },
-    /// A datagram of the process data begins to count wrongly; its inputs are not taken until
-    /// [`Event::WorkingCounterRestored`].
+    /// A datagram of the process data has a wrong working counter from this cycle on. Its inputs
+    /// are not taken until [`Event::WorkingCounterRestored`].
     WorkingCounter {
         /// Cycle.
         cycle: u64,
-        /// Which chunk of the process image.
+        /// Index of the chunk of the process image.
         chunk: usize,
         /// Expected.
         expected: u16,
         /// Found.
         found: u16,
     },
-    /// A datagram of the process data counts right again.
+    /// A datagram of the process data has the right working counter again.
     WorkingCounterRestored {
         /// Cycle.
         cycle: u64,
-        /// Which chunk of the process image.
+        /// Index of the chunk of the process image.
         chunk: usize,
-        /// Cycles in which it counted wrongly.
+        /// Number of cycles with a wrong working counter.
         cycles: u64,
     },
-    /// The drift datagram counts other than all clocks: one of them is no longer led by the
-    /// reference, or the reference does not answer. Told when the count changes; `found` is
-    /// `expected` again at the end.
+    /// The working counter of the drift datagram changed. If it is not that of all clocks, one of
+    /// them does not get the reference's time, or the reference does not answer. At the end `found`
+    /// equals `expected` again.
     Drift {
         /// Cycle.
         cycle: u64,
@@ -64,66 +64,67 @@ pub enum Event {
         /// Clocks that answered.
         found: u16,
     },
-    /// The delay of a clock can't be known from the receive times. It goes on with the middle of what is
-    /// possible, or 0 ns if anything is.
+    /// The delay of a clock cannot be known from the receive times. The clock uses the middle of
+    /// the possible values, or 0 ns if the times do not limit it.
     DelayUnknown {
         /// Position.
         position: usize,
-        /// Why not; SubDevices in it are named by position.
+        /// The reason; SubDevices in it are named by position.
         why: Why,
-        /// What is possible.
+        /// The least and the largest possible value.
         between: Option<(Picos, Picos)>,
-        /// What was written to 0x0928.
+        /// The value written to 0x0928.
         used: Nanos,
     },
-    /// A delay measured while the segment runs lies beyond the error from the one in force, which is what 0x0928
-    /// was written with: a cable was changed, or a port behaves otherwise. Told when it begins; see
+    /// A delay measured while the segment runs differs by more than the error from the one in force
+    /// (0x0928): a cable was changed, or a port behaves differently. Reported when it begins; see
     /// [`DelayWatch`](crate::config::DelayWatch).
     DelayChanged {
         /// Position.
         position: usize,
-        /// In force.
+        /// The delay in force.
         written: Nanos,
-        /// Measured now.
+        /// The delay measured now.
         found: Delay,
         /// Whether 0x0928 is now written with it.
         rewritten: bool,
     },
-    /// A delay measured while the segment runs is again the one in force.
+    /// A delay measured while the segment runs equals the one in force again.
     DelayRestored {
         /// Position.
         position: usize,
-        /// In force.
+        /// The delay in force.
         written: Nanos,
     },
-    /// Something that is read in the background leaves its limits, or is back within them
+    /// A value that is read in the background left its limits, or is back within them
     /// ([`Config::quality`](crate::Config::quality)).
     Alarm(Change),
-    /// No drift frame that all clocks took for many cycles ([`QualityWatch::unled_cycles`](crate::QualityWatch)):
-    /// clocks run by themselves, and 0x092C tells nothing new. `cycles` is 0 when they are led again.
+    /// No drift frame reached all clocks for many cycles
+    /// ([`QualityWatch::unled_cycles`](crate::QualityWatch)): clocks run freely, and 0x092C is out
+    /// of date. `cycles` is 0 when a frame reaches them again.
     ClocksUnled {
-        /// Cycles since the last one.
+        /// Number of cycles since the last such frame.
         cycles: u64,
     },
-    /// A SubDevice failed on the way up, and the others are in operation without it. Told right behind
-    /// [`Event::InOperation`].
+    /// A SubDevice failed during bring-up, and the others are in operation without it. Reported
+    /// directly after [`Event::InOperation`].
     LeftOut {
         /// Position.
         position: usize,
-        /// At which stage.
+        /// The stage that failed.
         stage: Stage,
-        /// Why.
+        /// The reason.
         cause: Cause,
     },
-    /// A SubDevice no longer answers at its station address. It takes no part from now on: expected working
-    /// counters follow, and its inputs stay what they last were.
+    /// A SubDevice no longer answers at its station address. It takes no part from now on: expected
+    /// working counters follow, and its inputs keep their last values.
     Lost {
         /// Position.
         position: usize,
-        /// Cycle in which it was found out.
+        /// Cycle in which the loss was noticed.
         cycle: u64,
     },
-    /// Something answers in the place of a SubDevice that was lost; its re-admission begins.
+    /// A SubDevice answers in the place of a lost one; its re-admission begins.
     Found {
         /// Position.
         position: usize,
@@ -139,59 +140,61 @@ pub enum Event {
         /// Host time since it was found.
         after: Nanos,
     },
-    /// A SubDevice that was found can't be admitted.
+    /// A SubDevice that was found cannot be admitted.
     NotReadmitted {
         /// Position.
         position: usize,
-        /// Why not. Another device in its place ([`Cause::Identity`]) is left alone until it is taken away.
+        /// The reason. A different device in its place ([`Cause::Identity`]) is ignored until it is
+        /// removed.
         cause: Cause,
-        /// When it is tried again; `None`: when something else answers there.
+        /// Time until the next attempt; `None`: when a different device answers there.
         again: Option<Nanos>,
     },
-    /// What answers does not agree with the tree that was found at the scan: nobody is admitted.
+    /// The SubDevices that answer do not agree with the tree of the scan, so none is admitted.
     Unplanned {
         /// Cycle.
         cycle: u64,
         /// SubDevices that answer.
         found: u16,
     },
-    /// The reference clock is gone. The host goes on by what it knows of its rate.
+    /// The reference clock is lost. The host continues with the rate that it knows.
     ReferenceLost {
         /// Position.
         position: usize,
         /// Cycle.
         cycle: u64,
     },
-    /// This clock leads from now on; the time stays as it was.
+    /// This clock is the reference from now on; the time continues.
     ReferenceElected {
         /// Position.
         position: usize,
         /// Cycle.
         cycle: u64,
     },
-    /// The ring is cut ([`Config::ring`](crate::Config::ring)), as frames show that came back where they left. Data flow
-    /// on over both ports. Told again where another cut changes it; SubDevices between two cuts are [`Event::Lost`].
+    /// The ring is cut ([`Config::ring`](crate::Config::ring)): frames came back at the port that
+    /// sent them. Process data continues over both ports. The event is repeated if another cut
+    /// changes it; SubDevices between two cuts are [`Event::Lost`].
     RingCut {
         /// Cycle.
         cycle: u64,
-        /// The last position reached from the primary port and the first from the secondary port; `None`: the port
-        /// itself.
+        /// The last position reached from the primary port and the first from the secondary port;
+        /// `None`: the port itself.
         between: (Option<usize>, Option<usize>),
     },
-    /// The reference clock does not reach those behind the cut of a ring: this clock leads them from now on, at the rate
-    /// that it had, and the two parts slide apart.
+    /// The reference clock does not reach the SubDevices behind the cut of a ring. This clock is
+    /// their reference from now on, at its present rate, so the times of the two parts drift apart.
     ClocksSplit {
         /// Position.
         position: usize,
         /// Cycle.
         cycle: u64,
     },
-    /// Frames come through the ring from end to end again; the reference clock leads all.
+    /// Frames pass the ring from end to end again, and the reference clock controls all clocks.
     RingHealed {
         /// Cycle.
         cycle: u64,
     },
-    /// A SubDevice that left OP is brought back.
+    /// The recovery of a SubDevice that left OP begins.
     Recovering {
         /// Position.
         position: usize,
@@ -199,7 +202,7 @@ pub enum Event {
         status: AlStatus,
         /// Register 0x0134.
         code: AlStatusCode,
-        /// Which attempt since it was last well, from 1.
+        /// Number of the attempt since it was last in order, from 1.
         attempt: u32,
     },
     /// A SubDevice that left OP is in OP again.
@@ -213,44 +216,44 @@ pub enum Event {
     NotRecovered {
         /// Position.
         position: usize,
-        /// Why not.
+        /// The reason.
         cause: Cause,
-        /// When it is tried again; `None`: never.
+        /// Time until the next attempt; `None`: never.
         again: Option<Nanos>,
     },
-    /// Another number of SubDevices answers than was found at the scan.
+    /// The number of SubDevices that answer is not that of the scan.
     CountChanged {
         /// Cycle.
         cycle: u64,
-        /// At the scan.
+        /// Number at the scan.
         expected: u16,
-        /// Now.
+        /// Number now.
         found: u16,
     },
     /// A cyclic frame did not come back.
     FrameLost {
         /// Cycle.
         cycle: u64,
-        /// Which frame of the cycle.
+        /// Index of the frame in the cycle.
         frame: usize,
     },
-    /// The caller let one or more send instants pass.
+    /// The caller missed one or more send instants.
     CyclesSkipped {
-        /// Cycle that follows, on the grid again.
+        /// The next cycle, which is on the grid again.
         cycle: u64,
         /// How late the caller was.
         late: Nanos,
-        /// Cycles left out.
+        /// Number of cycles skipped.
         skipped: u64,
     },
     /// The host's lock on the reference clock changed.
     Phase {
         /// Cycle.
         cycle: u64,
-        /// What the servo knows now.
+        /// The present state of the servo.
         state: phase::State,
     },
-    /// Emergency of a device.
+    /// A device sent an emergency message.
     Emergency {
         /// Position.
         position: usize,
@@ -258,28 +261,28 @@ pub enum Event {
         code: u16,
         /// Error register.
         register: u8,
-        /// Data of the vendor.
+        /// Vendor-specific data.
         data: [u8; 5],
     },
-    /// All SubDevices are in OP, process data flow.
+    /// All SubDevices are in OP, and process data run.
     InOperation {
         /// Cycle.
         cycle: u64,
-        /// Host time from the first frame.
+        /// Host time since the first frame.
         after: Nanos,
     },
     /// An upload ended.
     Uploaded {
         /// The request.
         request: RequestId,
-        /// Its bytes.
+        /// The bytes of the entry.
         result: Result<Vec<u8>, SdoError>,
     },
     /// A download ended.
     Downloaded {
         /// The request.
         request: RequestId,
-        /// Whether the device took it.
+        /// Whether the device accepted it.
         result: Result<(), SdoError>,
     },
     /// A read of memory ended, see [`MainDevice::read_memory`].
@@ -291,16 +294,16 @@ pub enum Event {
         /// The bytes.
         result: Result<Vec<u8>, AccessError>,
     },
-    /// What was asked for by [`Config::survey`](crate::Config::survey) is known. SubDevices stay in PREOP and answer
-    /// requests until [`MainDevice::stop`](crate::MainDevice::stop).
+    /// The survey of [`Config::survey`](crate::Config::survey) is complete. SubDevices stay in
+    /// PREOP and answer requests until [`MainDevice::stop`](crate::MainDevice::stop).
     Surveyed,
     /// All SubDevices are back in INIT; nothing more is sent.
     Stopped,
-    /// The way up ended here; nothing more is sent.
+    /// The bring-up failed; nothing more is sent.
     Failed(Error),
-    /// Events were dropped since nobody took them.
+    /// Events were dropped because they were not polled.
     Dropped {
-        /// How many.
+        /// Number of dropped events.
         count: u64,
     },
 }

@@ -1,5 +1,6 @@
-//! Who left its state, and who is gone: AL status and code of every SubDevice, read when the cyclic broadcast
-//! looks wrong; and where more answer than take part, who stands where.
+//! Finds SubDevices that left their state or are lost: it reads AL status and code of every
+//! SubDevice when the cyclic broadcast shows a fault. If more SubDevices answer than take part, it
+//! also reads the place of each.
 
 use alloc::vec::Vec;
 
@@ -13,18 +14,18 @@ use isocat_wire::{AutoIncrementAddress, StationAddress};
 use crate::esm::{STATUS_LEN, status_of};
 use crate::link::{Exchange, Link, Travel};
 
-/// What one SubDevice answered.
+/// The answer of one SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Answer {
     /// AL status and its code.
     Status(AlStatus, AlStatusCode),
-    /// The frame came back, and nobody has this station address.
+    /// The frame came back, but no SubDevice has this station address.
     Nobody,
-    /// Frames were lost, or more than one answered: nothing is known.
+    /// Frames were lost, or more than one SubDevice answered: the state is unknown.
     Unknown,
 }
 
-/// Who answers at a place of the processing order, whoever it is.
+/// A SubDevice that answers at a place of the processing order, known or not.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Found {
     /// Register 0x0010.
@@ -33,29 +34,29 @@ pub(crate) struct Found {
     pub dl_status: DlStatus,
 }
 
-/// What a look at the segment showed.
+/// The result of a look at the segment.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Look {
-    /// By position, of those that were asked for.
+    /// Answers by position, of the SubDevices that were asked.
     pub answers: Vec<(usize, Answer)>,
-    /// Who else answers.
+    /// Other SubDevices that answer.
     pub others: Others,
 }
 
-/// Whether more answer than were asked for.
+/// Whether more SubDevices answer than were asked.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) enum Others {
-    /// No more do, or it is not known who they are.
+    /// No others answer, or they are not known.
     None,
-    /// They do: everybody in processing order.
+    /// Others answer; these are all SubDevices in processing order.
     Everybody(Vec<Found>),
-    /// So many answer in all, more than have a place in the segment. They are not asked one by one: the count is
-    /// what a single working counter says, and need not be true.
+    /// This number answers in all, which is more than have a place in the segment. They are not
+    /// read one by one, since the number comes from a single working counter and need not be true.
     TooMany(u16),
 }
 
-/// Asks SubDevices for their state. One that does not answer is no reason to give up the others. `planned` have a place
-/// in the segment, those that are absent too.
+/// Reads the state of SubDevices. If one does not answer, the others are still read. `planned` is
+/// the number of places in the segment, including those of absent SubDevices.
 pub(crate) async fn look(
     link: Link,
     stations: Vec<(usize, StationAddress)>,
@@ -87,7 +88,8 @@ pub(crate) async fn look(
     Look { answers, others }
 }
 
-/// Station address and DL status of `count` SubDevices in processing order; `None` if not all answer.
+/// Station address and DL status of `count` SubDevices in processing order; `None` if not all
+/// answer.
 async fn everybody(link: &Link, count: usize) -> Option<Vec<Found>> {
     let read = |position: usize, ado: u16| -> Exchange {
         let place = AutoIncrementAddress::of_position(position as u16);

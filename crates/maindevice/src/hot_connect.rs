@@ -1,8 +1,9 @@
 //! Hot connect: SubDevices that may be absent when the segment starts, and come while it runs.
 //!
-//! What is configured for them ([`DeviceConfig::hot_connect`]) is planned as if they were there: process image,
-//! frames, budget, SYNC. [`seat`] tells at the scan which of those configured answer. From then on an absent one is
-//! like one that was lost, and is taken up as such ([`readmit`](crate::readmit)).
+//! A configured hot-connect SubDevice ([`DeviceConfig::hot_connect`]) is planned as if it were
+//! present: process image, frames, budget, SYNC. [`seat`] finds at the scan which of the configured
+//! ones answer. From then on an absent one is treated as lost and is re-admitted in the same way
+//! ([`readmit`](crate::readmit)).
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -18,7 +19,7 @@ use crate::link::Link;
 use crate::segment::{Identity, Segment, SubDevice, station_of};
 use crate::sii;
 
-/// Whether fewer SubDevices may answer than are configured, and so many do.
+/// Whether fewer SubDevices may answer than are configured, and `count` is enough.
 pub(crate) fn allows(config: &Config, count: usize) -> bool {
     let needed = config.devices.iter().filter(|device| !device.may_be_absent()).count();
     (needed..=config.devices.len()).contains(&count)
@@ -29,8 +30,9 @@ pub(crate) fn is_short(config: &Config, segment: &Segment) -> bool {
     segment.devices.len() < config.devices.len()
 }
 
-/// Gives everybody found the position that the configuration has for it, and the station address of that. Until then
-/// positions are places in the order of frames. Absent ones are still left out.
+/// Gives each SubDevice found its configured position and the station address of that position.
+/// Before that, positions are places in the order of frames. Absent SubDevices are still missing in
+/// the segment.
 pub(crate) async fn seat(link: &Link, config: &Config, segment: &mut Segment) -> Result<(), Cause> {
     let mut found = Vec::with_capacity(segment.devices.len());
     for device in &segment.devices {
@@ -48,7 +50,7 @@ pub(crate) async fn seat(link: &Link, config: &Config, segment: &mut Segment) ->
             }
         }
     })?;
-    // From the last one on: an address is free before somebody gets it.
+    // The last one is first: an address must be free before another SubDevice gets it.
     for (device, position) in segment.devices.iter_mut().zip(seats).rev() {
         let station = station_of(position);
         if station != device.station {
@@ -62,26 +64,27 @@ pub(crate) async fn seat(link: &Link, config: &Config, segment: &mut Segment) ->
     Ok(())
 }
 
-/// Somebody in the order of frames.
+/// A SubDevice at a place in the order of frames.
 struct Found {
     identity: Identity,
-    /// Place and port above; `None` for the first, and where ports make no tree.
+    /// Place and port of its parent; `None` for the first, and if the ports make no tree.
     parent: Option<(usize, PortNumber)>,
 }
 
-/// Why somebody has no seat.
+/// Why a SubDevice gets no position.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Unseated {
-    /// This place is for none of those configured.
+    /// No configured SubDevice may be at this place.
     Nowhere(usize),
-    /// More than one position would do for this place.
+    /// More than one position fits this place.
     Anywhere(usize),
-    /// This position must be there, and is not.
+    /// The SubDevice of this position is required but absent.
     Missing(usize),
 }
 
-/// The position of each of those found, in the order of frames, by identity and, for those that may be absent, by
-/// the port that they hang at: nobody changes places, and who is absent must be allowed to.
+/// The position of each SubDevice found, in the order of frames, by identity and, for hot-connect
+/// ones, by the port at which they hang. The configured order is kept, and only SubDevices that may
+/// be absent are skipped.
 fn seats(found: &[Found], configured: &[DeviceConfig]) -> Result<Vec<usize>, Unseated> {
     let is = |place: usize, position: usize| {
         let Identity { vendor, product, .. } = found[place].identity;
@@ -97,7 +100,8 @@ fn seats(found: &[Found], configured: &[DeviceConfig]) -> Result<Vec<usize>, Uns
     };
     let may_miss = |position: usize| configured[position].may_be_absent();
     let (places, positions) = (found.len(), configured.len());
-    // Whether those from a place on can sit on the positions from one on.
+    // `goes[place][position]`: whether the SubDevices from a place on fit the positions from one
+    // on.
     let mut goes = vec![vec![false; positions + 1]; places + 1];
     goes[places][positions] = true;
     for position in (0..positions).rev() {
@@ -127,7 +131,8 @@ fn seats(found: &[Found], configured: &[DeviceConfig]) -> Result<Vec<usize>, Uns
     }
 }
 
-/// What is in the way of a place: the furthest that the others get by sitting down one after the other.
+/// The reason why a place gets no position: the point at which assigning the places one by one
+/// fails.
 fn stuck(
     mut place: usize,
     mut next: usize,
@@ -150,7 +155,8 @@ fn stuck(
     needed.map_or(Unseated::Nowhere(places - 1), Unseated::Missing)
 }
 
-/// Puts those that are absent in their places, as the configuration knows them. Positions are indices from then on.
+/// Inserts the absent SubDevices, as the configuration describes them. From then on positions are
+/// indices.
 pub(crate) fn fill(config: &Config, segment: &mut Segment) {
     let present = core::mem::take(&mut segment.devices);
     let positions: Vec<usize> = present.iter().map(|device| device.position).collect();
@@ -163,7 +169,7 @@ pub(crate) fn fill(config: &Config, segment: &mut Segment) {
                     device
                 }
                 (None, Some(known)) => absent(position, wish, known),
-                // Whoever must be there has been seated.
+                // The required SubDevices have been assigned already.
                 (None, None) => continue,
             };
         segment.devices.push(device);
@@ -185,10 +191,11 @@ fn absent(position: usize, wish: &DeviceConfig, known: &SubDevice) -> SubDevice 
     }
 }
 
-/// By how much later frames come to a position when the groups come that are absent now: by the way through those that
-/// lie before it in the order of frames, there and back. Back is not longer than there, so this is what it is at most.
+/// How much later frames reach a position after all absent groups have come: by the way there and
+/// back through the groups before it in the order of frames. The way back is not longer than the
+/// way there, so this is an upper bound.
 pub(crate) fn detour(segment: &Segment, position: usize) -> Nanos {
-    // Frames already go through those that were left out.
+    // Frames already pass those that were left out.
     let absent =
         |at: usize| !segment.devices[at].admitted && segment.devices[at].left_out.is_none();
     let mut detour = Nanos::ZERO;
@@ -213,7 +220,8 @@ pub(crate) fn detour(segment: &Segment, position: usize) -> Nanos {
     detour
 }
 
-/// Whether the clock that leads the others is always there: the first in the order of frames, unless it may be absent.
+/// Checks that the reference clock is always present: it is the first clock in the order of frames,
+/// and that SubDevice must not be a hot-connect one.
 pub(crate) fn check_reference(config: &Config, segment: &Segment) -> Result<(), Cause> {
     let may_miss =
         |position: usize| config.devices.get(position).is_some_and(DeviceConfig::may_be_absent);
@@ -227,16 +235,17 @@ pub(crate) fn check_reference(config: &Config, segment: &Segment) -> Result<(), 
     }
 }
 
-/// Those of a segment that are there, as a segment of its own.
+/// The present SubDevices of a segment, as a segment.
 pub(crate) struct Present(pub Segment);
 
 impl Present {
-    /// Those that take part.
+    /// The SubDevices that take part.
     pub fn of(segment: &Segment) -> Self {
         Self::among(segment, |device| device.admitted)
     }
 
-    /// Those for which `is_there` holds. Positions stay as they are; parents and the reference are indices.
+    /// The SubDevices for which `is_there` holds. Positions are kept; parents and the reference are
+    /// indices.
     pub fn among(segment: &Segment, is_there: impl Fn(&SubDevice) -> bool) -> Self {
         let positions: Vec<usize> = segment
             .devices
@@ -255,7 +264,7 @@ impl Present {
         Self(Segment { devices, reference, ..Segment::default() })
     }
 
-    /// Takes over what was found out.
+    /// Copies the results back into the whole segment.
     pub fn give_back(self, segment: &mut Segment) {
         let positions: Vec<usize> = self.0.devices.iter().map(|device| device.position).collect();
         for device in self.0.devices {
@@ -274,7 +283,8 @@ mod tests {
 
     type Above = Option<(usize, PortNumber)>;
 
-    /// Product codes, and whether it may be absent, and at which port of which position it then hangs.
+    /// Product codes, whether the SubDevice may be absent, and its parent's position and port if
+    /// so.
     fn configured(all: &[(u32, bool, Above)]) -> Vec<DeviceConfig> {
         let known = |parent| {
             let mut known = SubDevice::new(0, StationAddress(0));
@@ -312,14 +322,14 @@ mod tests {
         assert_eq!(seats(&[10, 30]), Ok(vec![0, 3]));
         assert_eq!(seats(&[10, 21, 30, 40]), Ok(vec![0, 2, 3, 4]));
         assert_eq!(seats(&[10, 30, 40]), Ok(vec![0, 3, 4]));
-        // One that must be there is missing, at the end and in between; a stranger; changed places.
+        // A required one is missing, at the end and in between; an unknown one; exchanged places.
         assert_eq!(seats(&[10, 20]), Err(Unseated::Missing(3)));
         assert_eq!(seats(&[10, 20, 40]), Err(Unseated::Missing(3)));
         assert_eq!(seats(&[10, 99, 30]), Err(Unseated::Nowhere(1)));
         assert_eq!(seats(&[10, 21, 20, 30]), Err(Unseated::Nowhere(2)));
     }
 
-    /// Two of a kind of which one is absent: only the port tells which.
+    /// Two of one kind, of which one is absent: only the port tells which.
     #[test]
     fn who_could_sit_on_two_seats_is_told_by_its_port() {
         use PortNumber::{P1, P3};

@@ -1,8 +1,8 @@
-//! Kinds of findings, declared once: a name that stays the same, what it means, and the figures that go with it.
+//! Kinds of findings, declared once: a stable name, its meaning, and its figures.
 //!
-//! A program that reads a finding goes by its kind and its figures; the sentence beside them is for people and may change.
-//! [`kinds!`](crate::kinds) declares an enum of kinds, and from the declaration come the names, the figures and the table that
-//! the documentation shows.
+//! A program that reads a finding uses its kind and its figures; the sentence next to them is for
+//! people and may change. [`kinds!`](crate::kinds) declares an enum of kinds. The names, the
+//! figures and the table in the documentation come from this declaration.
 
 use alloc::string::{String, ToString};
 
@@ -14,19 +14,19 @@ use isocat_wire::{AlState, AlStatus, AlStatusCode, ObjectAddress};
 pub enum Figure {
     /// A count, a code or a time in whole ns.
     Integer(i64),
-    /// A time in ns with its ps behind the point.
+    /// A time in ns with decimals for the ps.
     Real(f64),
     /// Yes or no.
     Flag(bool),
     /// A name: a state, an object, an interface.
     Text(String),
-    /// Not known, or it does not apply.
+    /// Unknown or not applicable.
     Absent,
 }
 
-/// A type that figures are of.
+/// A type of figures.
 pub trait Figured {
-    /// What is appended to the name of such a figure: `_ns` for times.
+    /// Suffix of the name of such a figure: `_ns` for times.
     const UNIT: &'static str = "";
     /// The figure.
     fn figure(&self) -> Figure;
@@ -48,15 +48,16 @@ pub struct Description {
 pub struct FigureDescription {
     /// The name, without its unit.
     pub name: &'static str,
-    /// The unit that is appended to the name.
+    /// The unit that is the suffix of the name.
     pub unit: &'static str,
-    /// What it tells.
+    /// Its meaning.
     pub means: &'static str,
 }
 
 /// Declares an enum of kinds.
 ///
-/// Each variant has a name in kebab case and its figures as fields. The enum gets `name`, `figures` and `DESCRIPTIONS`.
+/// Each variant has a name in kebab case and its figures as fields. The enum gets `name`, `figures`
+/// and `DESCRIPTIONS`.
 #[macro_export]
 macro_rules! kinds {
     (
@@ -92,14 +93,14 @@ macro_rules! kinds {
                 }),+
             ];
 
-            /// The name of the kind; it stays the same whatever the sentence becomes.
+            /// The name of the kind. It stays the same even if the sentence changes.
             pub const fn name(&self) -> &'static str {
                 match self {
                     $(Self::$kind { .. } => $name),+
                 }
             }
 
-            /// The figures by their names, the unit included.
+            /// The figures by name, including the unit.
             pub fn figures(&self) -> $crate::kind::Figures {
                 #[allow(unused_mut, reason = "an enum may have kinds without figures only")]
                 let mut figures = $crate::kind::Figures::default();

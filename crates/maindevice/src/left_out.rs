@@ -1,8 +1,9 @@
-//! A way up that goes on without those that fail on it.
+//! A bring-up that continues without the SubDevices that fail.
 //!
-//! Whoever may fail ([`Config::tolerate`], [`DeviceConfig::hot_connect`]) and does is [`left out`](leave_out): in INIT,
-//! without SYNC and process data. Its ESC still passes frames on and its clock is led with the others; a SubDevice that
-//! nobody led would throw the count of the drift datagram off.
+//! A SubDevice that may fail ([`Config::tolerate`], [`DeviceConfig::hot_connect`]) and does so is
+//! [`left out`](leave_out): it stays in INIT, without SYNC and process data. Its ESC still passes
+//! frames and its clock gets the reference's time, because otherwise the working counter of the
+//! drift datagram would be wrong.
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
@@ -20,11 +21,11 @@ use crate::link::{Link, Procedure, join};
 use crate::segment::{ProcessData, Segment, SubDevice};
 use crate::{esm, scan};
 
-/// What went wrong where, of those that may fail.
+/// Failures of SubDevices that may fail, with their positions.
 pub(crate) type Failures = Vec<(usize, Cause)>;
 
-/// Does the same at all SubDevices that take part, side by side. The first error ends it, unless it is of one that may
-/// fail: then the others go on to their end.
+/// Runs the same procedure at all SubDevices that take part, concurrently. The first error ends it,
+/// unless the SubDevice may fail: then the others continue to their end.
 pub(crate) async fn each<'a>(
     config: &Config,
     segment: &'a mut Segment,
@@ -41,7 +42,7 @@ pub(crate) async fn each<'a>(
     each_of(config, positions, all).await
 }
 
-/// The same with procedures that were made, each for a position.
+/// The same with given procedures, each for a position.
 pub(crate) async fn each_of<'a>(
     config: &Config,
     positions: Vec<usize>,
@@ -57,7 +58,7 @@ pub(crate) async fn each_of<'a>(
     sort(config, positions.into_iter().zip(results))
 }
 
-/// The failures of those that may fail; the first other error.
+/// Separates the failures of SubDevices that may fail; the first other error is returned.
 fn sort(
     config: &Config,
     results: impl IntoIterator<Item = (usize, Result<(), Cause>)>,
@@ -75,17 +76,18 @@ fn sort(
     Ok(failures)
 }
 
-/// Whether the way up goes on without the SubDevice at a position.
+/// Whether the bring-up continues without the SubDevice at a position.
 fn may_fail(config: &Config, position: usize) -> bool {
     config.tolerate || config.devices.get(position).is_some_and(DeviceConfig::may_be_absent)
 }
 
-/// Whether frames did not come back, which no single SubDevice answers for.
+/// Whether frames were lost, for which no single SubDevice is responsible.
 fn is_lost(cause: &Cause) -> bool {
     matches!(cause, Cause::Access(error) if error.problem == AccessProblem::Lost)
 }
 
-/// Leaves out those that failed: INIT, SYNC off, no process data. What they do not take of that is theirs.
+/// Leaves out the SubDevices that failed: INIT, SYNC off, no process data. Errors of this are
+/// ignored.
 pub(crate) async fn leave_out(work: &mut Work, failures: Failures) {
     let (stage, link, config) = (work.stage, work.link.clone(), work.config.clone());
     let positions: Vec<usize> = failures.iter().map(|(position, _)| *position).collect();
@@ -94,7 +96,7 @@ pub(crate) async fn leave_out(work: &mut Work, failures: Failures) {
         device.admitted = false;
         device.sync = None;
         device.left_out = Some(Box::new(Error { stage, cause }));
-        // The process image keeps the place of those that it was laid out for.
+        // The process image keeps the place of SubDevices that it was laid out with.
         if stage < Stage::Mapping {
             be_as_known(device, config.devices.get(position));
         }
@@ -106,11 +108,11 @@ pub(crate) async fn leave_out(work: &mut Work, failures: Failures) {
     let out = |device: &&mut SubDevice| positions.contains(&device.position);
     let devices = work.segment.devices.iter_mut().filter(out);
     let (link, patience) = (&link, config.timeouts.init);
-    // It has failed already: that it does not go down either changes nothing for the others.
+    // It has failed already: another failure changes nothing for the others.
     let _ends = settle(devices, |device| Box::pin(take_down(link, device, patience))).await;
 }
 
-/// As it was configured, where that is known; else without process data.
+/// Sets it as configured, if a configuration describes it; otherwise without process data.
 fn be_as_known(device: &mut SubDevice, wish: Option<&DeviceConfig>) {
     (device.outputs, device.inputs) = (ProcessData::default(), ProcessData::default());
     (device.output_sync, device.input_sync) = (None, None);
@@ -130,7 +132,7 @@ async fn take_down(
 ) -> Result<(), Cause> {
     link.fpwr(device.station, register::SYNC_ACTIVATION.address, &[0]).reply().await?;
     let init = esm::change(link, device, AlState::Init, patience).await;
-    // Its SyncManagers and FMMUs no longer answer to what the others exchange.
+    // Its SyncManagers and FMMUs then no longer answer to the process data of the others.
     scan::reset_one(link, device.station).await?;
     init
 }

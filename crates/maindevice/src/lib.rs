@@ -1,30 +1,33 @@
 //! An EtherCAT MainDevice as a machine: frames and time in, frames and events out.
 //!
 //! [`MainDevice`] takes a [`Config`] and brings the segment behind its port into synchronized
-//! operation. Nothing here knows a socket, a thread or a clock. Inside, data take this way:
+//! operation. The crate uses no socket, thread or clock. Data goes through its modules in this way:
 //!
-//! 1. `link` holds datagrams that procedures await: it packs them into frames and hands the answers
-//!    back; `board` is what machine and procedures know of the run. Procedures are `async fn`s that the machine polls itself, many devices side by side.
-//! 2. `bring_up` is the way up in order. `scan` and `topology` find the SubDevices, `sii` reads who
-//!    they are, `esm` changes their states, `mailbox` and `coe` carry the object accesses of
-//!    `objects`. `mode` decides how each SubDevice is synchronized, `mapping`
-//!    lays out the process image, `timing` plans the cycle, `clock` makes all clocks one, with the delays that `delay` measures, `sync`
-//!    programs SYNC0 and sees that it runs.
-//! 3. `cycle` is the cyclic exchange, with the servo that keeps the host in phase; it allocates
-//!    nothing.
-//! 4. [`application`] is what a user does with process data once a cycle is complete, [`motion`] one that is ready made
-//!    ([`written`] is what it writes on a timeline), and a [`Runner`] calls it at the right moment, in virtual time and on a wire.
-//!    What answers an optional [`service`] badly is done without it, and who fails may be `left_out`.
-//! 5. `survey` is another way, for whoever wants to know what is there: as far as PREOP, with the same parts, past
+//! 1. `link` holds datagrams that procedures await: it packs them into frames and returns the
+//!    answers. `board` holds what machine and procedures know of the run. Procedures are
+//!    `async fn`s that the machine polls itself, for many devices concurrently.
+//! 2. `bring_up` is the bring-up in order. `scan` and `topology` find the SubDevices, `sii` reads
+//!    their SII, `esm` changes their states, `mailbox` and `coe` carry the object accesses of
+//!    `objects`. `mode` chooses the synchronization mode of each SubDevice, `mapping` lays out the
+//!    process image, `timing` plans the cycle. `clock` sets all clocks to one time, with the delays
+//!    that `delay` measures, and `sync` programs SYNC0 and verifies it.
+//! 3. `cycle` is the cyclic exchange, with the servo that keeps the host in phase; it does not
+//!    allocate.
+//! 4. [`application`] is the user's part, called with the process data of each complete cycle.
+//!    [`motion`] is a ready-made application, and [`written`] holds the outputs that it writes on a
+//!    timeline. A [`Runner`] calls the application at the right time, in virtual time and on a
+//!    wire. If a device does not answer an optional [`service`] correctly, it is used without that
+//!    service, and SubDevices that fail may be `left_out`.
+//! 5. `survey` only reads the segment: it goes to PREOP with the same parts, and continues past
 //!    SubDevices that fail.
-//! 6. `health` finds the SubDevice that left its state or is gone, `readmit` brings it back while the others run,
-//!    `delay_watch` finds the delay that is no longer what it was, `quality` the
-//!    clock that does not follow, the counter that rises and the frame that comes late.
-//! 7. `ring` puts a second port behind the last SubDevice, if [`Config::ring`] says so: what comes back at both is one
-//!    frame for all the others.
+//! 6. In operation `health` finds SubDevices that left their state or are lost, and `readmit`
+//!    brings them back while the others run. `delay_watch` finds delays that changed, and `quality`
+//!    finds clocks that do not follow, counters that rise and frames that come late.
+//! 7. `ring` uses a second port behind the last SubDevice, if [`Config::ring`] says so. It joins
+//!    what comes back at both ports into one frame for all other modules.
 //!
-//! What was found stands in [`segment`], what went wrong in [`error`], what happened in [`event`],
-//! and counts in [`statistics`].
+//! Results are in [`segment`], errors in [`error`], events in [`event`], and counts in
+//! [`statistics`].
 //!
 //! ```no_run
 //! use isocat_maindevice::{Config, Cycle, Event, FRAME_LEN, MainDevice, Port, Runner};

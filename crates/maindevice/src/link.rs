@@ -1,18 +1,18 @@
 //! Datagrams that procedures await: the queue, the frames in flight, the waiting.
 //!
 //! A [`Link`] is the procedures' side of the machine: cheap to clone, shared by all of them. A
-//! datagram is queued when its [`Exchange`] is made, packed with as many others as fit into the
-//! next frame, and finished when the frame comes back or is given up. So a procedure that needs
-//! several answers at once makes its exchanges first and awaits them afterwards; procedures of many
-//! devices that run joined share frames without knowing of each other.
+//! datagram is queued when its [`Exchange`] is made, packed into the next frame with as many others
+//! as fit, and finished when the frame comes back or is given up. So a procedure that needs several
+//! answers at once makes its exchanges first and awaits them afterwards. Joined procedures of many
+//! devices thus share frames without any coordination.
 //!
-//! What both sides work on is the [`Port`], with all that travels and waits, and the [`Board`], with what is known of the
-//! run. It has one owner at a time: the machine holds it by itself and lays it on the desk that is in
-//! the link only while procedures run. So frames of the cycle go in and out without a lock, and the lock of the
-//! desk, which makes the machine `Send`, is never waited for.
+//! Both sides work on the [`Port`], with all datagrams in flight and queued, and the [`Board`],
+//! with the state of the run. These have one owner at a time: the machine, which puts them on the
+//! desk in the link only while procedures run. So the frames of the cycle need no lock. The lock of
+//! the desk makes the machine `Send` and never blocks.
 //!
-//! No waker is used: the machine polls its procedures after every input, which is the only time at
-//! which something can have changed.
+//! No waker is used: the machine polls its procedures after every input, since only an input can
+//! change their state.
 
 use alloc::boxed::Box;
 use alloc::sync::Arc;
@@ -40,18 +40,18 @@ mod port;
 pub(crate) use origin::{Origin, is_touched};
 pub(crate) use port::Port;
 
-/// Waits end on this grid of host time, so that polls of many devices meet in one frame.
+/// Waits end on this grid of host time, so that the polls of many devices share one frame.
 pub(crate) const GRAIN: Nanos = Nanos(50_000);
-/// Datagram indices of the link's frames are below this one; those of the cycle are not.
+/// Datagram indices of the link's frames are below this one; those of the cycle are not below.
 pub(crate) const CYCLIC_INDEX: u8 = 0x80;
 
 /// The procedures' handle of the machine.
 #[derive(Clone)]
 pub(crate) struct Link(Arc<Mutex<Desk>>);
 
-/// Where the machine lays what it works on while its procedures run.
+/// The place of the shared data while procedures run.
 struct Desk {
-    /// `None`: the machine has it in hand, and no procedure runs.
+    /// `None`: the machine owns it, and no procedure runs.
     shared: Option<Box<Shared>>,
     /// Slots of exchanges that were dropped meanwhile.
     released: Vec<usize>,
@@ -68,13 +68,14 @@ pub(crate) struct Shared {
 pub(crate) struct Reply {
     pub data: Vec<u8>,
     pub wkc: u16,
-    /// How far its position was counted up: ESCs that it passed. 0 for commands without a position.
+    /// Number of ESCs that it passed, by the increments of its position. 0 for commands without a
+    /// position.
     pub passed: u16,
     /// Time stamp of the frame that carried it.
     pub sent: Time<Host>,
 }
 
-/// A datagram on its way.
+/// A datagram that is queued or in flight.
 pub(crate) struct Exchange {
     link: Link,
     slot: usize,
@@ -85,12 +86,13 @@ pub(crate) struct Exchange {
 /// How a datagram travels.
 #[derive(Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Travel {
-    /// In a frame of its own.
+    /// In a separate frame.
     pub alone: bool,
-    /// A loss is reported at once: the receiver could not tell a repetition from a new request.
+    /// Whether a loss is reported at once, because the receiver could not tell a repetition from a
+    /// new request.
     pub once: bool,
-    /// It leaves when every frame is back, those of the cycle too. If there is no such moment for
-    /// 100 ms, it is lost.
+    /// Whether it leaves only when every other frame is back, including those of the cycle. If that
+    /// does not happen within 100 ms, it is lost.
     pub quiet: bool,
 }
 
@@ -101,12 +103,12 @@ impl Link {
         Self(Arc::new(Mutex::new(Desk { shared: Some(shared), released: Vec::new() })))
     }
 
-    /// The machine takes what is shared into its own hands: until it is laid back no procedure may run.
+    /// Takes the shared data for the machine; no procedure may run until it is put back.
     pub fn take(&self) -> Box<Shared> {
         self.desk(|desk| desk.shared.take()).expect("it is taken once, before it is laid back")
     }
 
-    /// The machine lays back what it took.
+    /// Puts the shared data back.
     pub fn lay_back(&self, mut shared: Box<Shared>) {
         self.desk(|desk| {
             for slot in desk.released.drain(..) {
@@ -116,17 +118,18 @@ impl Link {
         });
     }
 
-    /// Looks at or changes what is shared.
+    /// Accesses the shared data.
     pub fn with<R>(&self, f: impl FnOnce(&mut Shared) -> R) -> R {
         self.desk(|desk| f(desk.shared.as_mut().expect("procedures run while it is on the desk")))
     }
 
-    /// The machine and all of its procedures run in one thread at a time: nothing ever waits here.
+    /// Accesses the desk. The machine and all of its procedures run in one thread at a time, so
+    /// this never blocks.
     fn desk<R>(&self, f: impl FnOnce(&mut Desk) -> R) -> R {
         f(&mut self.0.try_lock().expect("one thread has the machine, and asks once at a time"))
     }
 
-    /// Looks at the board or changes it.
+    /// Accesses the board.
     pub fn board<R>(&self, f: impl FnOnce(&mut Board) -> R) -> R {
         self.with(|shared| f(&mut shared.board))
     }
@@ -177,7 +180,7 @@ impl Link {
         self.exchange(Command::Apwr, address, data.to_vec(), Travel::default())
     }
 
-    /// Reads bytes of all SubDevices, OR-ed.
+    /// Reads bytes of all SubDevices, combined by OR.
     pub fn brd(&self, ado: u16, len: usize) -> Exchange {
         self.exchange(Command::Brd, Address::Broadcast(ado), vec![0; len], Travel::default())
     }
@@ -233,7 +236,7 @@ impl Link {
         .await;
     }
 
-    /// Waits until the condition holds; it is looked at after every input. Gives `false` if it does
+    /// Waits until the condition holds; it is checked after every input. Returns `false` if it does
     /// not hold by `due`.
     pub async fn wait_for(&self, due: Time<Host>, holds: impl Fn(&Board) -> bool) -> bool {
         core::future::poll_fn(|_| {
@@ -251,7 +254,7 @@ impl Link {
     }
 }
 
-/// The value in a reply, which has the register's length since the machine keeps lengths.
+/// The value in a reply. Its length is that of the register, since the machine checks lengths.
 fn decode<T: Value>(register: Register<T>, data: &[u8]) -> T {
     let mut bytes = T::Bytes::default();
     bytes.as_mut().copy_from_slice(data);
@@ -321,7 +324,7 @@ impl Shared {
         self.port.receive(payload, &mut self.board.statistics)
     }
 
-    /// The time is `now`: see [`Port::handle_timeout`].
+    /// Sets the time to `now`: see [`Port::handle_timeout`].
     pub fn handle_timeout(&mut self, now: Time<Host>) {
         self.port.now = now;
         self.port.handle_timeout(&mut self.board.statistics);
@@ -331,7 +334,7 @@ impl Shared {
 /// A procedure that may borrow from its caller.
 pub(crate) type Procedure<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
-/// Runs procedures side by side; ends with the first error, or with all results in order.
+/// Runs procedures concurrently; ends with the first error, or with all results in order.
 pub(crate) async fn join<T, E>(mut all: Vec<Procedure<'_, Result<T, E>>>) -> Result<Vec<T>, E> {
     let mut done: Vec<Option<T>> = all.iter().map(|_| None).collect();
     core::future::poll_fn(move |context| {
@@ -354,5 +357,5 @@ pub(crate) async fn join<T, E>(mut all: Vec<Procedure<'_, Result<T, E>>>) -> Res
     .await
 }
 
-/// Longest frame that the machine makes; a buffer of this length takes every one.
+/// Longest frame that the machine makes; a buffer of this length is always enough.
 pub const FRAME_LEN: usize = MAX_LEN;

@@ -1,4 +1,4 @@
-//! The machine: what goes in, what comes out, and who may send next.
+//! The machine: its inputs and outputs, and which frame may be sent next.
 
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
@@ -45,21 +45,23 @@ use way::{Activity, Piece};
 ///
 /// - Input: [`handle_frame`] for every frame that came in, [`handle_timeout`] when the instant of
 ///   [`next_timeout`] is reached.
-/// - Output, to be drained after each input: [`poll_cycle`], which calls the application if a cycle is complete;
-///   [`poll_event`] until it gives `None`; [`poll_transmit`] until it gives `None`; then [`next_timeout`] anew. A
-///   [`Runner`](crate::Runner) keeps this order.
-/// - A ring ([`Config::ring`]): what its second port sends comes from [`poll_secondary`], to be drained after each frame
-///   of [`poll_transmit`], and [`handle_frame_at`] takes what came in at either port.
-/// - Process data: [`outputs_mut`] and [`inputs`], as the [`Application`](crate::Application) has them in each cycle.
-/// - Wishes while it runs: [`upload`], [`download`], [`read_memory`], [`stop`].
+/// - Output, to be drained after each input: [`poll_cycle`], which calls the application if a cycle
+///   is complete; [`poll_event`] until it returns `None`; [`poll_transmit`] until it returns
+///   `None`; then [`next_timeout`] again. A [`Runner`](crate::Runner) keeps this order.
+/// - A ring ([`Config::ring`]): [`poll_secondary`] returns the frames of its second port, to be
+///   drained after each frame of [`poll_transmit`], and [`handle_frame_at`] takes frames received
+///   at either port.
+/// - Process data: [`outputs_mut`] and [`inputs`], as the [`Application`](crate::Application) has
+///   them in each cycle.
+/// - Requests while it runs: [`upload`], [`download`], [`read_memory`], [`stop`].
 /// - State: [`segment`], [`statistics`], [`stage`], [`next_cycle`], [`frames_in_flight`].
 ///
 /// Time is the caller's monotonic clock, read as late as possible: the `now` of [`poll_transmit`]
-/// is the time stamp of the frame that it gives, and the clock servo follows these stamps. Points
-/// of time never go backwards from call to call.
+/// is the time stamp of the frame that it returns, and the clock servo follows these stamps. Time
+/// never goes backwards from call to call.
 ///
-/// The machine begins to work at once and ends in [`Event::InOperation`] or [`Event::Failed`]; with
-/// [`Config::survey`] in [`Event::Surveyed`] instead.
+/// The machine starts to work at once. It reports [`Event::InOperation`] or [`Event::Failed`] in
+/// the end; with [`Config::survey`], [`Event::Surveyed`] takes the place of the first.
 ///
 /// It may be built in one thread and run in another: it is `Send`.
 ///
@@ -85,7 +87,7 @@ use way::{Activity, Piece};
 pub struct MainDevice {
     config: Arc<Config>,
     link: Link,
-    /// What procedures share with the machine; `None` while they run.
+    /// The data that procedures share with the machine; `None` while they run.
     shared: Option<Box<Shared>>,
     begin: Time<Host>,
     segment: Segment,
@@ -93,24 +95,25 @@ pub struct MainDevice {
     activity: Activity,
     stage: Stage,
     cycle: Option<CyclicExchange>,
-    /// Wire time left in this cycle for acyclic frames, and the end of the last one.
+    /// Wire time left for acyclic frames in this cycle, and the end of the last acyclic frame.
     share: Share,
-    /// All that runs beside the cycle.
+    /// The procedures in addition to the cycle.
     procedures: Procedures,
     /// Object accesses that wait for their mailboxes.
     jobs: VecDeque<Job>,
     next_request: u32,
-    /// What the cyclic broadcast read when health was last checked, and when that was.
+    /// The cyclic broadcast's reading at the last check of health, and the time of that check.
     checked: Option<((u16, u16), Time<Host>)>,
-    /// Those that are lost or out of OP, and what is done about it.
+    /// SubDevices that are lost or out of OP, and the attempts to bring them back.
     keeper: Keeper,
-    /// How many answered when that last disagreed with the tree.
+    /// Number of SubDevices that answered when they last disagreed with the tree.
     unplanned: Option<u16>,
-    /// Delays measured on in operation.
+    /// The delay measurement in operation.
     delay_watch: Option<DelayWatch>,
     quality: Option<Monitor>,
     ring: Option<Box<Ring>>,
-    /// Why the way up failed: told once SubDevices are back in INIT and the ring is as it was found.
+    /// Why the bring-up failed. It is reported once SubDevices are back in INIT and the ring is
+    /// restored.
     failure: Option<Error>,
     stopping: bool,
 }
@@ -160,8 +163,8 @@ impl MainDevice {
         machine
     }
 
-    /// Takes a frame that came in, without its FCS. Frames that are not ours, or that nobody waits for,
-    /// are counted and ignored; see [`Statistics`].
+    /// Takes a received frame, without its FCS. Frames that are not ours, or that no procedure
+    /// waits for, are counted and ignored; see [`Statistics`].
     pub fn handle_frame(&mut self, now: Time<Host>, frame: &[u8]) {
         if self.ring.is_some() {
             return self.handle_frame_at(Port::Primary, now, frame);
@@ -173,11 +176,11 @@ impl MainDevice {
         }
     }
 
-    /// Tells the time, at [`MainDevice::next_timeout`] or at any other moment.
+    /// Passes the time to the machine, at [`MainDevice::next_timeout`] or at any other time.
     #[inline]
     pub fn handle_timeout(&mut self, now: Time<Host>) {
         if self.ring.is_some() {
-            // What has come goes on before its frame is given up.
+            // Kept copies are handled before their frame is given up.
             self.expire_copies(now);
         }
         let shared = in_hand(&mut self.shared);
@@ -186,15 +189,15 @@ impl MainDevice {
         self.work();
     }
 
-    /// The cycle that is over with the last input, once; and whether process data ran in it.
+    /// The cycle that the last input completed, once, and whether process data ran in it.
     #[inline]
     pub(crate) fn take_closed(&mut self) -> Option<(u64, bool)> {
         let (number, has_data) = self.cycle.as_mut()?.take_closed()?;
         Some((number, has_data && !self.rehearses()))
     }
 
-    /// Whether this way up is only there for devices to measure their times: the application is not
-    /// called on it.
+    /// Whether this bring-up only serves to let devices measure their times. The application is not
+    /// called in it.
     fn rehearses(&self) -> bool {
         self.config.measure_times.is_some()
             && match self.activity {
@@ -204,9 +207,9 @@ impl MainDevice {
             }
     }
 
-    /// Writes the next frame to send at once into `buffer` and gives its length; `None` if there is
-    /// nothing to send now. `now` is the frame's time stamp. A buffer of [`crate::FRAME_LEN`] bytes
-    /// is always enough.
+    /// Writes the next frame to send at once into `buffer` and returns its length; `None` if there
+    /// is nothing to send now. `now` is the frame's time stamp. A buffer of [`crate::FRAME_LEN`]
+    /// bytes is always long enough.
     #[inline]
     pub fn poll_transmit(&mut self, now: Time<Host>, buffer: &mut [u8]) -> Option<usize> {
         if matches!(self.activity, Activity::Over) || buffer.len() < frame::MIN_LEN {
@@ -238,8 +241,8 @@ impl MainDevice {
         Some(len)
     }
 
-    /// When [`MainDevice::handle_timeout`] is wanted next; `None`: never, it is over. In cyclic
-    /// exchange this is the exact instant at which the next frame is to leave.
+    /// When to call [`MainDevice::handle_timeout`] next; `None` if the run is over. In cyclic
+    /// exchange this is the exact instant at which the next frame must leave.
     #[inline]
     pub fn next_timeout(&self) -> Option<Time<Host>> {
         if matches!(self.activity, Activity::Over) {
@@ -260,29 +263,30 @@ impl MainDevice {
         (next != Time::NEVER).then_some(next)
     }
 
-    /// When the next frames of process data are to leave; `None` outside the cyclic exchange.
+    /// When the next frames of process data are due; `None` outside the cyclic exchange.
     pub fn next_cycle(&self) -> Option<Time<Host>> {
         self.cycle.as_ref().map(CyclicExchange::due)
     }
 
-    /// The system time that the first of these frames is to find at the reference clock. It goes on by whole cycles whatever the
-    /// host does; without a reference clock it goes by the host's. `None` outside the cyclic exchange.
+    /// The planned system time at which the first of these frames finds the reference clock. It
+    /// advances by whole cycles even if the host is late; without a reference clock it follows the
+    /// host's clock. `None` outside the cyclic exchange.
     pub fn next_grid(&self) -> Option<Time<Dc>> {
         self.cycle.as_ref().map(CyclicExchange::grid)
     }
 
-    /// Frames that were sent and are neither back nor given up.
+    /// Number of frames that were sent and are neither back nor given up.
     pub fn frames_in_flight(&self) -> usize {
         let cyclic = self.cycle.as_ref().map_or(0, CyclicExchange::in_flight);
         cyclic + self.shared().port.in_flight()
     }
 
-    /// The next thing that happened.
+    /// Takes the next event.
     pub fn poll_event(&mut self) -> Option<Event> {
         in_hand(&mut self.shared).board.poll_event()
     }
 
-    /// The outputs of the SubDevice at `position`, sent with the next cycle; empty if it has none.
+    /// The outputs of the SubDevice at `position`, sent with the next cycle; empty without outputs.
     pub fn outputs_mut(&mut self, position: usize) -> &mut [u8] {
         let range = self.segment.devices.get(position).map(|device| device.outputs.range());
         match (&mut self.cycle, range) {
@@ -291,8 +295,8 @@ impl MainDevice {
         }
     }
 
-    /// The inputs of the SubDevice at `position`, as they last came back complete; empty if it has
-    /// none.
+    /// The inputs of the SubDevice at `position`, as they last came back complete; empty without
+    /// inputs.
     pub fn inputs(&self, position: usize) -> &[u8] {
         let range = self.segment.devices.get(position).map(|device| device.inputs.range());
         match (&self.cycle, range) {
@@ -301,8 +305,8 @@ impl MainDevice {
         }
     }
 
-    /// Ends the run: OP → SAFEOP → PREOP, SYNC off, INIT; then [`Event::Stopped`]. On the way up it
-    /// ends that.
+    /// Ends the run: OP → SAFEOP → PREOP, SYNC off, INIT; then [`Event::Stopped`]. During bring-up
+    /// it ends the bring-up.
     pub fn stop(&mut self) {
         if !matches!(self.activity, Activity::Over) {
             self.stopping = true;
@@ -310,7 +314,7 @@ impl MainDevice {
         }
     }
 
-    /// What was found, as of the last completed piece of the way up; AL states as of now.
+    /// The segment as of the last completed piece of the bring-up; AL states are up to date.
     pub fn segment(&self) -> &Segment {
         &self.segment
     }
@@ -320,17 +324,17 @@ impl MainDevice {
         self.shared().board.statistics
     }
 
-    /// The stage of the way up or down that was last begun.
+    /// The last stage of bring-up or shutdown that was begun.
     pub fn stage(&self) -> Stage {
         self.stage
     }
 
-    /// Whether all SubDevices went to OP and nobody asked for the end.
+    /// Whether all SubDevices went to OP and no stop was requested.
     pub fn is_operating(&self) -> bool {
         matches!(self.activity, Activity::Operating)
     }
 
-    /// What the clock servo knows; `None` before the cyclic exchange.
+    /// The state of the clock servo; `None` before the cyclic exchange.
     pub fn phase(&self) -> Option<phase::State> {
         self.cycle.as_ref().map(|cycle| cycle.servo().state())
     }
@@ -341,31 +345,33 @@ impl MainDevice {
         self.cycle.as_ref().map(|cycle| cycle.servo().rate_ppb())
     }
 
-    /// How well the servo knows phase and rate; `None` before the cyclic exchange, and with too few samples.
+    /// How well the servo knows phase and rate; `None` before the cyclic exchange, and with too few
+    /// samples.
     pub fn phase_uncertainty(&self) -> Option<phase::Uncertainty> {
         self.cycle.as_ref().and_then(|cycle| cycle.servo().uncertainty())
     }
 
-    /// Takes stamps of an external time, if that is to lead the reference clock; see [`Config::direction`].
+    /// Takes stamps of an external time, which the reference clock follows if [`Config::direction`]
+    /// says so.
     pub fn external_stamps(&mut self, stamps: phase::external::Stamps) {
         if let Some(cycle) = &mut self.cycle {
             cycle.external_stamps(stamps);
         }
     }
 
-    /// What leads the reference clock: how far it is, and what it puts into the clocks. `None` if nothing
-    /// does, and before the cyclic exchange.
+    /// The control of the reference clock: its state, and the corrections that it writes. `None` if
+    /// the reference clock is not controlled, and before the cyclic exchange.
     pub fn drive(&self) -> Option<&phase::Drive> {
         self.cycle.as_ref().and_then(|cycle| cycle.drive())
     }
 
-    /// The system time that a frame sent at `host` finds at the reference clock, by the servo;
+    /// The system time at which a frame sent at `host` finds the reference clock, by the servo;
     /// `None` before the cyclic exchange.
     pub fn system_time(&self, host: Time<Host>) -> Option<Time<Dc>> {
         self.cycle.as_ref().map(|cycle| cycle.servo().dc_at(host))
     }
 
-    /// What the application of a cycle works on.
+    /// The data that the application of a cycle works on.
     pub(crate) fn parts_mut(&mut self) -> (&Segment, Option<&mut CyclicExchange>) {
         (&self.segment, self.cycle.as_mut())
     }
@@ -375,12 +381,12 @@ impl MainDevice {
         self.cycle.as_ref()
     }
 
-    /// What procedures share with the machine, while none runs.
+    /// The data that procedures share with the machine; no procedure may run.
     fn shared(&self) -> &Shared {
         self.shared.as_deref().expect(IN_HAND)
     }
 
-    /// An input was taken: the cycle may be over.
+    /// Closes the cycle if an input completed it.
     #[inline]
     fn close_cycle(&mut self, now: Time<Host>) {
         if let Some(cycle) = &mut self.cycle {
@@ -395,7 +401,8 @@ const _: () = {
     is_send::<MainDevice>();
 };
 
-/// Hands a frame that came in to who waits for it; whether somebody did.
+/// Passes a received frame to the cycle or to the procedures that wait for it; returns whether one
+/// of them took it.
 fn take(
     shared: &mut Shared,
     cycle: &mut Option<CyclicExchange>,
@@ -425,7 +432,8 @@ fn take(
     taken
 }
 
-/// Counts a frame of ours that nobody waits for: one that was given up and counted as lost is late from now on.
+/// Counts a frame of ours that is not expected: one that was given up and counted as lost is late
+/// from now on.
 #[cold]
 fn count_unexpected(shared: &mut Shared, cycle: &mut Option<CyclicExchange>, index: Option<u8>) {
     let was_given_up = index.is_some_and(|index| match cycle {
@@ -441,10 +449,10 @@ fn count_unexpected(shared: &mut Shared, cycle: &mut Option<CyclicExchange>, ind
     }
 }
 
-/// What procedures share with the machine, while none runs.
+/// The data that procedures share with the machine; no procedure may run.
 fn in_hand(shared: &mut Option<Box<Shared>>) -> &mut Shared {
     shared.as_deref_mut().expect(IN_HAND)
 }
 
-/// Why the machine has it.
+/// Why the machine holds the shared data.
 const IN_HAND: &str = "procedures run inside of `lend` alone";

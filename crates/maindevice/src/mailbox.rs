@@ -1,9 +1,9 @@
 //! The mailbox of one SubDevice, MainDevice's side.
 //!
-//! A request is written to SM0 and the answer polled at SM1. Two things can go wrong without the
-//! device's fault, and both are healed here: a request whose frame is lost is written again with
-//! the same counter, so a device that had it already drops the repetition; an answer whose frame is
-//! lost was taken out of SM1 all the same and is asked for again by the repeat bit of SM1.
+//! A request is written to SM0 and the answer polled at SM1. Two losses that are not the device's
+//! fault are repaired here. A request whose frame is lost is written again with the same counter,
+//! so a device that already had it drops the repetition. An answer whose frame is lost has left SM1
+//! all the same, so it is requested again by the repeat bit of SM1.
 
 use alloc::vec::Vec;
 
@@ -31,13 +31,13 @@ pub(crate) struct Mailbox {
     counter: u8,
     last_answer: u8,
     repeat: bool,
-    /// An earlier service was given up; its answer may still come.
+    /// Whether an earlier service was given up, so that its answer may still come.
     stale: bool,
     spent: Nanos,
 }
 
 impl Mailbox {
-    /// A mailbox right after INIT to PREOP: counters start anew.
+    /// A mailbox directly after INIT to PREOP: counters start again.
     pub fn new(
         link: &Link,
         position: usize,
@@ -60,17 +60,17 @@ impl Mailbox {
         }
     }
 
-    /// Wire time of all datagrams so far, as if each were in a frame of its own.
+    /// Wire time of all datagrams so far, as if each were in a separate frame.
     pub fn spent(&self) -> Nanos {
         self.spent
     }
 
-    /// Most bytes of a service that the request can carry behind the mailbox header.
+    /// Most bytes of a service in a request, after the mailbox header.
     pub fn request_len(&self) -> usize {
         usize::from(self.receive.length).saturating_sub(mailbox::HEADER_LEN)
     }
 
-    /// Sends a CoE service and waits for the CoE answer to it; `is_answer` tells it from others.
+    /// Sends a CoE service and waits for its CoE answer; `is_answer` recognizes it.
     pub async fn coe(
         &mut self,
         service: &[u8],
@@ -79,8 +79,8 @@ impl Mailbox {
         self.ask(Protocol::COE, &[service], is_answer).await
     }
 
-    /// Sends a request of a protocol in one message or in several, and waits for the answer in that protocol; `is_answer`
-    /// tells it from others. Emergencies of CoE in between are reported as events.
+    /// Sends a request of a protocol in one or several messages, and waits for the answer in that
+    /// protocol; `is_answer` recognizes it. Emergencies of CoE in between are reported as events.
     pub async fn ask(
         &mut self,
         protocol: Protocol,
@@ -107,7 +107,7 @@ impl Mailbox {
         }
     }
 
-    /// By when a service that begins now must be answered.
+    /// When a service that begins now must be answered.
     pub fn deadline(&self) -> Time<Host> {
         self.link.now() + self.patience
     }
@@ -117,7 +117,7 @@ impl Mailbox {
         self.answer(Protocol::COE, &mut Wait { end, interval: POLL_FIRST }).await
     }
 
-    /// An error once a service has taken too long.
+    /// An error after `end`.
     pub fn in_time(&self, end: Time<Host>) -> Result<(), MailboxError> {
         match self.link.now() < end {
             true => Ok(()),
@@ -147,8 +147,8 @@ impl Mailbox {
         }
     }
 
-    /// Goes on behind a message that is not the answer, more slowly each time: a device that speaks without end has no
-    /// more of the wire than one that is silent, and is given up as late.
+    /// Waits after a message that is not the answer, longer each time. A device that sends without
+    /// end then takes no more of the wire than a silent one, and its service ends at the timeout.
     async fn pass_over(&mut self, wait: &mut Wait) -> Result<(), MailboxError> {
         self.in_time(wait.end)?;
         self.link.sleep(wait.interval).await;
@@ -173,7 +173,7 @@ impl Mailbox {
         true
     }
 
-    /// Throws away what an earlier service left in SM1.
+    /// Discards messages of an earlier service in SM1.
     async fn drain(&mut self) -> Result<(), MailboxError> {
         for _ in 0..MOST_STALE {
             if !self.is_full().await? {
@@ -254,7 +254,7 @@ impl Mailbox {
         }
     }
 
-    /// Reads the whole of SM1; after a lost frame by way of the repeat bit.
+    /// Reads the whole of SM1; after a lost frame by the repeat bit.
     async fn fetch(&mut self, end: Time<Host>) -> Result<Vec<u8>, MailboxError> {
         let mut interval = POLL_FIRST;
         loop {
@@ -322,11 +322,11 @@ impl Mailbox {
 /// How long a service waits for its answer.
 struct Wait {
     end: Time<Host>,
-    /// The pause behind the next message that is not the answer.
+    /// The pause after the next message that is not the answer.
     interval: Nanos,
 }
 
-/// Whether losses have gone on for so long that trying again makes no sense.
+/// Whether losses have lasted so long that repeating is useless.
 fn link_is_dead(link: &Link, end: Time<Host>) -> bool {
     link.now() >= end
 }
@@ -335,13 +335,12 @@ fn longer(interval: Nanos) -> Nanos {
     Nanos((interval.0 * 2).min(POLL_LAST.0))
 }
 
-/// Mailboxes by position; a service takes its mailbox away and brings it back.
+/// Mailboxes by position. A service takes its mailbox and puts it back.
 pub(crate) type Mailboxes = Vec<Option<Mailbox>>;
 
-/// Messages of an earlier service thrown away at most; a device that sends more speaks all the
-/// time.
+/// Most messages of an earlier service that are discarded; a device that sends more never stops.
 const MOST_STALE: usize = 8;
-/// First interval of polling: firmware answers within a fraction of a millisecond as a rule.
+/// First interval of polling: firmware usually answers within a fraction of a millisecond.
 const POLL_FIRST: Nanos = Nanos(100_000);
 /// Longest interval of polling.
 const POLL_LAST: Nanos = Nanos(5_000_000);

@@ -19,8 +19,8 @@ use crate::link::Link;
 use crate::objects;
 use crate::segment::{Chunk, Guarded, ProcessData, ProcessImage, SubDevice};
 
-/// Lays out the process image: logical address of each SubDevice, and which of them share a
-/// datagram. Those that are exchanged equally often do; what travels more often lies first.
+/// Lays out the process image: the logical address of each SubDevice, and which SubDevices share a
+/// datagram. Those with the same cycle share one; shorter cycles come first.
 pub(crate) fn lay_out(devices: &mut [SubDevice]) -> Result<ProcessImage, Cause> {
     let mut image = ProcessImage {
         chunks: Vec::new(),
@@ -75,7 +75,7 @@ pub(crate) fn lay_out(devices: &mut [SubDevice]) -> Result<ProcessImage, Cause> 
     Ok(image)
 }
 
-/// The same of a SubDevice that is not asked: without CoE, the SII tells its PDOs.
+/// The same for a SubDevice that is not asked: without CoE, the SII has its PDOs.
 pub(crate) fn place_as_known(device: &mut SubDevice) -> Result<(), Cause> {
     if !device.has_coe() {
         objects::from_sii(device);
@@ -83,7 +83,8 @@ pub(crate) fn place_as_known(device: &mut SubDevice) -> Result<(), Cause> {
     place_process_data(device)
 }
 
-/// Which SyncManager guards the outputs or inputs, and where: by object 0x1C00, else by the SII.
+/// Finds which SyncManager guards the outputs or inputs, and where: by object 0x1C00, otherwise by
+/// the SII.
 pub(crate) fn place_process_data(device: &mut SubDevice) -> Result<(), Cause> {
     for kind in [sm_type::OUTPUTS, sm_type::INPUTS] {
         let data = if kind == sm_type::OUTPUTS { &device.outputs } else { &device.inputs };
@@ -168,8 +169,8 @@ pub(crate) fn writes(device: &SubDevice, watchdog: Option<Nanos>) -> Vec<(u16, V
     writes
 }
 
-/// How long outputs stay valid without new ones: what is wanted, or the reset value of the chip; `None` if the
-/// SyncManager does not trigger the watchdog.
+/// How long outputs stay valid without new ones: the configured time, or the reset value of the
+/// chip; `None` if the SyncManager does not trigger the watchdog.
 pub(crate) fn watchdog(device: &SubDevice, wanted: Option<Nanos>) -> Option<Nanos> {
     let mut guarded = device.outputs.guarded().filter(|guarded| guarded.length > 0);
     let triggers = guarded.any(|guarded| {
@@ -179,12 +180,12 @@ pub(crate) fn watchdog(device: &SubDevice, wanted: Option<Nanos>) -> Option<Nano
     triggers.then(|| wanted.unwrap_or(WATCHDOG))
 }
 
-/// Of register 0x0420, as register 0x0400 has it after reset.
+/// Unit of register 0x0420 by the reset value of register 0x0400.
 pub(crate) const WATCHDOG_TICK: Nanos = Nanos::micros(100);
 /// Reset value of register 0x0420: 1000 ticks.
 const WATCHDOG: Nanos = Nanos::millis(100);
 
-/// The SyncManager as it must be: control by the SII, length by the mapping, off without process
+/// The settings of a SyncManager: control by the SII, length by the mapping, off without process
 /// data.
 fn sync_manager(device: &SubDevice, guarded: Guarded, kind: u8) -> SyncManager {
     let Guarded { sync_manager, start, length, .. } = guarded;
@@ -203,14 +204,15 @@ struct Window {
 }
 
 impl SubDevice {
-    /// How many FMMUs its process data need.
+    /// Number of FMMUs that its process data needs.
     pub fn fmmus_needed(&self) -> usize {
         windows(&self.outputs).len() + windows(&self.inputs).len()
     }
 }
 
-/// What the FMMUs of a direction map: one window for each SyncManager, and one for all that lie behind each other
-/// without a gap, as the bytes of digital outputs do. Descriptions count FMMUs in the same way.
+/// What the FMMUs of a direction map: one window for each SyncManager, but a single one for
+/// SyncManagers that follow each other without a gap, as the bytes of digital outputs do.
+/// Descriptions count FMMUs in the same way.
 fn windows(data: &ProcessData) -> Vec<Window> {
     let mut windows: Vec<Window> = Vec::new();
     let mut logical = data.logical;
@@ -247,7 +249,7 @@ mod tests {
         assert_eq!(image.chunks, [chunk]);
     }
 
-    /// Groups that lie between one another in the segment: each has its own bytes in one piece.
+    /// Groups may alternate in the segment: each has its bytes in one piece.
     #[test]
     fn groups_do_not_share_a_chunk() {
         let most = MOST_CHUNK as u16;
@@ -293,7 +295,7 @@ mod tests {
         assert!(matches!(lay_out(&mut devices), Err(Cause::Mapping { .. })));
     }
 
-    /// The first SyncManager is told by what the further ones leave.
+    /// The first SyncManager has the bytes that the further ones leave.
     fn spread(length: u16, start: u16, further: &[(u8, u16, u16)]) -> ProcessData {
         let further = further.iter().map(|&(sync_manager, start, length)| Guarded {
             sync_manager,
@@ -312,7 +314,7 @@ mod tests {
         }
     }
 
-    /// One byte between them makes two windows, and so does an area that lies before.
+    /// One byte between them makes two windows, and so does an area at a lower address.
     #[test]
     fn one_fmmu_maps_what_lies_behind_each_other() {
         let of = |data: &ProcessData| -> Vec<_> {
@@ -321,7 +323,7 @@ mod tests {
         assert_eq!(of(&spread(2, 0x0F00, &[(1, 0x0F01, 1)])), [(100, 0x0F00, 2)]);
         assert_eq!(of(&spread(2, 0x0F00, &[(1, 0x0F02, 1)])), [(100, 0x0F00, 1), (101, 0x0F02, 1)]);
         assert_eq!(of(&spread(6, 0x1200, &[(1, 0x1000, 3)])), [(100, 0x1200, 3), (103, 0x1000, 3)]);
-        // A SyncManager that is off has no window, and parts none.
+        // A SyncManager that is off has no window and does not divide one.
         assert_eq!(of(&spread(2, 0x0F00, &[(1, 0x1000, 0), (2, 0x0F01, 1)])), [(100, 0x0F00, 2)]);
         assert_eq!(of(&ProcessData::default()), []);
     }

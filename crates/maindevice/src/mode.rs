@@ -1,4 +1,4 @@
-//! Which mode each SubDevice runs in, and what it demands of the cycle then.
+//! The synchronization mode of each SubDevice, and its demands on the cycle.
 
 use alloc::format;
 use alloc::string::String;
@@ -17,12 +17,12 @@ use crate::error::Cause;
 use crate::segment::{SubDevice, SyncObject};
 use crate::{sync, times};
 
-/// Decides the mode of a SubDevice by wish, announcement (sub-index 04) and clock, and checks the
-/// cycle against its minimum.
+/// Chooses the mode of a SubDevice by configuration, announcement (sub-index 04) and clock, and
+/// checks the cycle against its minimum.
 ///
-/// Without a wish it is the highest mode that both sync objects announce. A cycle below the minimum
-/// is an error in every synchronized mode: a drive must not end up in Free Run because of a slip in
-/// the cycle.
+/// By default it is the highest mode that both sync objects announce. A cycle below the minimum is
+/// an error in every synchronized mode: a drive must not end up in Free Run because of a wrong
+/// cycle.
 pub(crate) fn choose(
     device: &mut SubDevice,
     config: &Config,
@@ -40,7 +40,7 @@ pub(crate) fn choose(
         None => {
             let mut best = SyncMode::FreeRun;
             for mode in SyncMode::PREFERRED {
-                // What is not announced at all is not chosen for it.
+                // A device that announces nothing does not get a mode by default.
                 let refusal = match announced {
                     None if mode != SyncMode::FreeRun => Err(String::from(UNKNOWN_MODES)),
                     _ => allowed(device, announced, mode),
@@ -77,7 +77,8 @@ pub(crate) fn choose(
     Ok(())
 }
 
-/// How many bus cycles the cycle of a SubDevice is; or what is wrong with the one that is wanted.
+/// The number of bus cycles in the cycle of a SubDevice, or why the configured cycle is not
+/// possible.
 fn every(mode: SyncMode, config: &Config, wish: Option<&DeviceConfig>) -> Result<u32, String> {
     let bus = config.cycle;
     let cycle = wish.and_then(|wish| wish.cycle).unwrap_or(bus);
@@ -103,7 +104,7 @@ fn every(mode: SyncMode, config: &Config, wish: Option<&DeviceConfig>) -> Result
     Ok(u32::try_from(cycle.0 / bus.0).unwrap_or(u32::MAX))
 }
 
-/// The SYNC pulses that a SubDevice's mode asks for; or what is wrong with those that are wanted.
+/// The SYNC pulses of a SubDevice's mode, or why the configured ones are not possible.
 fn pulses(
     device: &SubDevice,
     config: &Config,
@@ -116,7 +117,7 @@ fn pulses(
     let known = times::known(device, wish).outputs_calc_and_copy.or(assumed);
     let copy = outputs.calc_and_copy_time.filter(|time| *time > Nanos::ZERO).or(known);
     let distance = wish.and_then(|wish| wish.sync1).unwrap_or(match mode {
-        // What it needs is still to be measured.
+        // The time that the device needs has not been measured yet.
         SyncMode::DcSync1 if copy.is_none() && config.measure_times.is_some() => {
             Nanos(cycle.0 / 2 / 10 * 10)
         }
@@ -150,7 +151,7 @@ fn pulses(
     Ok(Pulses::new(mode, cycle, distance, sync0, on_sync1))
 }
 
-/// What the sync objects of the directions in use announce together; `None` if nothing is said.
+/// What the sync objects of the used directions announce together; `None` if they announce nothing.
 fn announced(device: &SubDevice) -> Option<SupportedTypes> {
     let types = |object: &Option<SyncObject>| object.as_ref()?.values.supported;
     let outputs = types(&device.output_sync).filter(|_| device.outputs.length > 0);
@@ -161,14 +162,15 @@ fn announced(device: &SubDevice) -> Option<SupportedTypes> {
     }
 }
 
-/// Why a mode can't be; a device that announces nothing is trusted to do what it is asked.
+/// Why a mode is not possible. A device that announces nothing is assumed to support the requested
+/// mode.
 fn allowed(
     device: &SubDevice,
     announced: Option<SupportedTypes>,
     mode: SyncMode,
 ) -> Result<(), String> {
     if let Some(types) = announced.filter(|types| !mode.is_supported(*types)) {
-        // Free Run works for a device that is not told anything; some do not announce it.
+        // Free Run works for a device without any setting; some devices do not announce it.
         if mode != SyncMode::FreeRun {
             return Err(format!("the device announces {types} (0x1C32:04, 0x1C33:04)"));
         }
@@ -179,8 +181,8 @@ fn allowed(
     Ok(())
 }
 
-/// Whether a SubDevice that is wanted in Free Run will be synchronous with SM all the same: it does not let itself be
-/// told (0x1C32:01 is read-only), and stacks that choose for themselves prefer SM.
+/// Whether a SubDevice configured for Free Run will be SM-synchronous nevertheless: its mode cannot
+/// be written (0x1C32:01 is read-only), and stacks that choose the mode themselves prefer SM.
 pub fn takes_sm_mode(device: &SubDevice) -> bool {
     let object = match (&device.output_sync, &device.input_sync) {
         (Some(outputs), _) if device.outputs.length > 0 => outputs,
@@ -193,7 +195,7 @@ pub fn takes_sm_mode(device: &SubDevice) -> bool {
         && announced(device).is_some_and(|types| types.sm_synchronous())
 }
 
-/// What a SubDevice demands of the cycle, without the arrival of its data. Where it states 0 or
+/// The demands of a SubDevice on the cycle, without the arrival of its data. If it states 0 or
 /// nothing, the assumed times count.
 pub(crate) fn demands(
     device: &SubDevice,
@@ -239,7 +241,7 @@ pub(crate) fn demands(
         inputs_fetched: None,
         inputs_read: None,
         watchdog: None,
-        // In Free Run the device's cycle is its own.
+        // In Free Run the device's cycle is independent.
         minimum_cycle: if free {
             Nanos::ZERO
         } else {
@@ -251,7 +253,7 @@ pub(crate) fn demands(
             &mut origins.output_calc_and_copy,
         ),
         output_delay: stated(outputs.delay_time, assumed.outputs_delay, &mut origins.output_delay),
-        // 0 is no shift, to the device too.
+        // A shift of 0 means no shift for the device too.
         output_shift: wish
             .and_then(|wish| wish.shift_outputs)
             .filter(|shift| *shift > Nanos::ZERO && local(&outputs)),
@@ -266,14 +268,14 @@ pub(crate) fn demands(
             .unwrap_or(Nanos::ZERO),
         input_delay: stated(inputs.delay_time, assumed.inputs_delay, &mut origins.input_delay),
         pulse_jitter: assumed.pulse_jitter.unwrap_or(Nanos::ZERO),
-        // That outputs came so late at most says nothing of how evenly.
+        // The latest time of outputs does not tell their jitter.
         outputs_spread: outputs_spread(device, &stated_times.0, wish),
         clock_deviation_ppb: USUAL_DEVIATION_PPB,
         origins: with_measured(origins, &stated_times, &own),
     }
 }
 
-/// The origins, where the device measured what its objects do not state.
+/// Sets the origins of times that the device measured but its objects do not state.
 fn with_measured(
     mut origins: Origins,
     (outputs, inputs): &(SyncParameters, SyncParameters),
@@ -295,8 +297,9 @@ fn with_measured(
     origins
 }
 
-/// How unevenly outputs follow their pulse: those that act behind the application as unevenly as
-/// that, those that a timer or SYNC1 delays as their pulse's interrupt.
+/// The jitter of outputs after their pulse. Outputs that act as soon as the application is done
+/// have the application's jitter; outputs delayed by a timer or by SYNC1 have the jitter of the
+/// pulse's interrupt.
 fn outputs_spread(
     device: &SubDevice,
     outputs: &SyncParameters,
@@ -312,9 +315,8 @@ fn outputs_spread(
     spread.unwrap_or(Nanos::ZERO)
 }
 
-/// The minimum cycle that the device states; where copying its outputs alone takes longer by its
-/// own word (0x1C32:06 above 0x1C32:05), what its parts make: the larger of what is assumed and of
-/// the copying of both directions.
+/// The minimum cycle that the device states. If copying its outputs alone takes longer (0x1C32:06
+/// above 0x1C32:05), it is the larger of the assumed minimum and the sum of both copy times.
 fn minimum_cycle(
     outputs: &SyncParameters,
     inputs: &SyncParameters,
@@ -332,7 +334,7 @@ fn minimum_cycle(
     both.max(assumed.minimum_cycle.unwrap_or(Nanos::ZERO))
 }
 
-/// A time as the device states it; where it states 0 or nothing, the assumed one.
+/// A time as the device states it; if it states 0 or nothing, the assumed one.
 fn stated(time: Option<Nanos>, assumed: Option<Nanos>, origin: &mut Origin) -> Nanos {
     if let Some(time) = time.filter(|time| *time > Nanos::ZERO) {
         return time;
@@ -398,7 +400,7 @@ pub(crate) mod tests {
         assert!(matches!(refused, Err(Cause::Mode { wish: SyncMode::DcSync0, .. })), "{refused:?}");
     }
 
-    /// 0x1C32:06 equal to :05, and a nanosecond above it.
+    /// Tests 0x1C32:06 equal to :05, and a nanosecond above it.
     #[test]
     fn a_minimum_cycle_below_the_copy_time_is_not_believed() {
         let with = |copy: i64, assumed: Option<i64>| {
@@ -420,7 +422,7 @@ pub(crate) mod tests {
         assert_eq!(with(250_001, Some(290_002)), (290_002, true));
     }
 
-    /// Both sides of 0x1C32:05; SM-synchronous has the host's jitter on top.
+    /// Tests both sides of 0x1C32:05; SM-synchronous has the host's jitter in addition.
     #[test]
     fn the_cycle_is_not_shorter_than_the_minimum() {
         let dc = || Some(wish(SyncMode::DcSync0));

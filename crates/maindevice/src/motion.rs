@@ -1,9 +1,9 @@
-//! An application that is ready made: drives move, other outputs count.
+//! A ready-made application: drives move, other outputs count.
 //!
 //! A device that maps a control word (0x6040) and a target position (0x607A) is taken for a CiA 402
-//! drive: it is brought to "operation enabled" in cyclic synchronous position mode and follows a slow
-//! triangle. Outputs of all other devices carry a counter. What is [`Written`] on a timeline goes before that: a drive whose
-//! target is written stays where it is until the first output begins.
+//! drive: it is brought to "operation enabled" in cyclic synchronous position mode and follows a
+//! slow triangle. Outputs of all other devices carry a counter. [`Written`] outputs on a timeline
+//! have priority: a drive whose target is written stays in place until the first output begins.
 
 use alloc::vec::Vec;
 
@@ -25,7 +25,7 @@ const SPEED: i32 = 10;
 /// Cycles from one turn of the triangle to the next.
 const TURN: u64 = 1000;
 
-/// Moves what can be moved.
+/// Moves all drives and other outputs.
 #[derive(Clone, Debug, Default)]
 pub struct Motion {
     axes: Vec<Axis>,
@@ -37,9 +37,9 @@ pub struct Motion {
 pub enum Axis {
     /// A drive.
     Drive(Drive),
-    /// Something with outputs that is no drive.
+    /// A device with outputs that is no drive.
     Outputs,
-    /// Nothing to write.
+    /// A device without outputs.
     Nothing,
 }
 
@@ -52,29 +52,29 @@ pub struct Drive {
     status_word: usize,
     position: usize,
     commanded: Option<i32>,
-    /// Its target is written on a timeline: nothing else moves it.
+    /// Whether its target is written on a timeline, so that nothing else moves it.
     is_written: bool,
     /// Cycles in "operation enabled".
     pub enabled_cycles: u64,
     /// Largest distance of target and actual position while enabled, increments.
     pub worst_lag: u32,
-    /// Distance that the drive reports to have moved.
+    /// Distance that the drive has moved, by its actual position.
     pub travelled: u64,
     last: i32,
 }
 
 impl Motion {
-    /// The same with outputs on a timeline.
+    /// A motion with outputs on a timeline.
     pub fn writing(written: Written) -> Self {
         Self { written, ..Self::default() }
     }
 
-    /// What is written on a timeline.
+    /// The outputs on a timeline.
     pub fn written(&self) -> &Written {
         &self.written
     }
 
-    /// What became of each device, by position; empty before the first cycle.
+    /// The kind and state of each device, by position; empty before the first cycle.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
@@ -156,7 +156,8 @@ impl Drive {
             return;
         };
         let (status, actual) = (u16::from_le_bytes(status), i32::from_le_bytes(actual));
-        // A device that left OP no longer updates its inputs: its last status word says nothing.
+        // A device that left OP no longer updates its inputs, so its last status word is out of
+        // date.
         let enabled = device.is_in_operation() && status & 0x6F == 0x27;
         let mut target = self.commanded.unwrap_or(actual);
         if enabled {
@@ -183,7 +184,8 @@ impl Drive {
     }
 }
 
-/// The control word that leads on from the state in this status word (CiA 402 drive state machine).
+/// The control word for the next step from the state in this status word (CiA 402 drive state
+/// machine).
 fn next_control_word(status: u16) -> u16 {
     match status & 0x6F {
         0x08 | 0x0F | 0x28 | 0x2F => 0x80, // fault: reset it
@@ -193,8 +195,8 @@ fn next_control_word(status: u16) -> u16 {
     }
 }
 
-/// Byte at which an object lies in the process data; `None` if it is not mapped to a whole byte with
-/// this length.
+/// Byte of an object in the process data; `None` if it is not mapped to a whole byte with this
+/// length.
 fn byte_of(data: &ProcessData, index: u16, bits: u8) -> Option<usize> {
     let mut bit = 0usize;
     for (_, pdos) in data.assigned() {

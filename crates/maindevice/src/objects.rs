@@ -1,4 +1,4 @@
-//! What a device's object dictionary says: PDO assignment and mapping, and the sync objects.
+//! Reads a device's object dictionary: PDO assignment and mapping, and the sync objects.
 
 use alloc::string::String;
 use alloc::vec::Vec;
@@ -21,10 +21,10 @@ use crate::segment::{
 };
 use crate::service::{self, Service};
 
-/// Coe details bit of the SII: the device gives SDO information.
+/// CoE details bit of the SII: the device supports SDO information.
 const SDO_INFORMATION: u8 = 1 << 1;
 
-/// Writes what the user wants written in PREOP, then reads assignment, mapping and sync objects.
+/// Writes the configured objects in PREOP, then reads assignment, mapping and sync objects.
 pub(crate) async fn read(
     mailbox: &mut Mailbox,
     device: &mut SubDevice,
@@ -51,8 +51,8 @@ pub(crate) async fn read(
     Ok(())
 }
 
-/// Reads the same without writing anything, and goes on where something can't be read; gives what could not. What
-/// takes its place on the way up is no answer here.
+/// Reads the same without writing anything, continues after errors, and returns them. A substitute
+/// of the bring-up counts as an error here.
 pub(crate) async fn look(mailbox: &mut Mailbox, device: &mut SubDevice) -> Vec<Cause> {
     let mut problems = Vec::new();
     let mut failed = |cause| problems.push(cause);
@@ -89,8 +89,8 @@ pub(crate) fn from_sii(device: &mut SubDevice) {
     spread_by_sii(&mut device.inputs, &device.sii.tx_pdos, &device.sii.sync_managers, INPUTS);
 }
 
-/// Takes the PDOs of one direction from the SII. Where they are in several SyncManagers of that direction, each
-/// SyncManager has a part of the process image, in the order of their numbers.
+/// Takes the PDOs of one direction from the SII. If they are in several SyncManagers of that
+/// direction, each SyncManager has a part of the process image, in the order of their numbers.
 fn spread_by_sii(data: &mut ProcessData, pdos: &[SiiPdo], records: &[SmRecord], kind: u8) {
     data.further.clear();
     data.pdos = assigned_by_sii(pdos);
@@ -133,7 +133,7 @@ fn pdo_of_sii(pdo: &SiiPdo) -> Pdo {
     Pdo { index: pdo.record.index, entries: pdo.entries.iter().map(entry).collect() }
 }
 
-/// Object 0x1C00; empty if the device has none, then the SII decides.
+/// Reads object 0x1C00; empty if the device has none, so that the SII decides.
 async fn sm_types(mailbox: &mut Mailbox, device: &SubDevice) -> Result<Vec<u8>, Cause> {
     let count = match number(mailbox, device, SM_COMMUNICATION_TYPE, 0).await? {
         Some(count) => count as u8,
@@ -147,8 +147,8 @@ async fn sm_types(mailbox: &mut Mailbox, device: &SubDevice) -> Result<Vec<u8>, 
     Ok(types)
 }
 
-/// The PDOs assigned to 0x1C12 or 0x1C13, after writing the assignment that the user wants, with
-/// their mappings. What the device does not tell is taken from its SII, if that has it.
+/// Reads the PDOs assigned to 0x1C12 or 0x1C13 with their mappings, after writing the configured
+/// assignment. Missing information is taken from the SII, if the SII has it.
 async fn pdos(
     mailbox: &mut Mailbox,
     device: &mut SubDevice,
@@ -161,7 +161,8 @@ async fn pdos(
     };
     let mut assigned = match assignment(mailbox, device, index).await {
         Ok(assigned) => assigned,
-        // A SII without any PDO says nothing of this direction either. An abort may mean that there is none.
+        // A SII without any PDO has no information about this direction either. An abort may mean
+        // that there is no object.
         Err(cause) if device.sii.rx_pdos.is_empty() && device.sii.tx_pdos.is_empty() => {
             if !is_abort(&cause) {
                 return Err(cause);
@@ -172,7 +173,7 @@ async fn pdos(
             device.do_without(Service::Assignment, cause)?;
             let by_sii = assigned_by_sii(&of_sii(device));
             let indices = by_sii.iter().map(|pdo| pdo.index);
-            // What the SII assigns already need not be written to an object that does not answer.
+            // The assignment of the SII need not be written to an object that does not answer.
             if wanted.is_none_or(|wanted| indices.eq(wanted.iter().copied())) {
                 return Ok(by_sii);
             }
@@ -191,7 +192,7 @@ async fn pdos(
     }
     let Some(assigned) = assigned else { return Ok(assigned_by_sii(&of_sii(device))) };
     let mut pdos = Vec::new();
-    // An assignment may name 0 for an empty place.
+    // An assignment may contain 0 for an empty place.
     for pdo in assigned.into_iter().filter(|pdo| *pdo != 0) {
         let cause = match mapping(mailbox, device, pdo).await {
             Ok(pdo) => {
@@ -208,7 +209,8 @@ async fn pdos(
     Ok(pdos)
 }
 
-/// The indices in 0x1C12 or 0x1C13; `None` if there is no such object: then the SII says what is fixed.
+/// Reads the indices in 0x1C12 or 0x1C13; `None` if there is no such object, so that the SII has
+/// the fixed assignment.
 async fn assignment(
     mailbox: &mut Mailbox,
     device: &SubDevice,
@@ -242,7 +244,7 @@ async fn assign(
     Ok(())
 }
 
-/// How an assignment is written: count 0, the entries, the count.
+/// The writes of an assignment: count 0, the entries, the count.
 pub(crate) fn assignment_writes(index: u16, pdos: &[u16]) -> Vec<(ObjectAddress, Vec<u8>)> {
     let count = |count: usize| (ObjectAddress::new(index, 0), alloc::vec![count as u8]);
     let entry =
@@ -251,7 +253,7 @@ pub(crate) fn assignment_writes(index: u16, pdos: &[u16]) -> Vec<(ObjectAddress,
     core::iter::once(count(0)).chain(entries).chain([count(pdos.len())]).collect()
 }
 
-/// One PDO's entries.
+/// Reads one PDO's entries.
 async fn mapping(mailbox: &mut Mailbox, device: &SubDevice, index: u16) -> Result<Pdo, Cause> {
     let count = required(mailbox, device, ObjectAddress::new(index, 0)).await?;
     let mut entries = Vec::new();
@@ -266,8 +268,8 @@ async fn mapping(mailbox: &mut Mailbox, device: &SubDevice, index: u16) -> Resul
     Ok(Pdo { index, entries })
 }
 
-/// 0x1C32 or 0x1C33 entry by entry: all that the device's own description lists. Without SDO
-/// information, all sub-indices that ETG.1020 knows are tried.
+/// Reads 0x1C32 or 0x1C33 entry by entry: all entries that the device's description lists. Without
+/// SDO information, it tries all sub-indices of ETG.1020.
 async fn sync_object(
     mailbox: &mut Mailbox,
     device: &mut SubDevice,
@@ -313,7 +315,7 @@ async fn sync_object(
                 let cause = sdo(device, address, error);
                 let silent = service::is_silence(&cause);
                 device.do_without(Service::SyncEntry, cause)?;
-                // The others would be waited for as long.
+                // The remaining entries would each cost the same timeout.
                 if silent {
                     break;
                 }
@@ -329,13 +331,13 @@ async fn sync_object(
         }
         object.entries.push(entry);
     }
-    // Nothing of it was answered: it is as good as missing.
+    // No entry was answered, so the object counts as missing.
     let missing = object.entries.is_empty() && device.does_without(Service::SyncEntry);
     Ok((!missing).then_some(object))
 }
 
-/// Reads the error counters of the sync objects once more: the evidence when a device refuses OP. A
-/// counter that can't be read keeps its last value; the refusal is the error, not this.
+/// Reads the error counters of the sync objects again, as evidence when a device refuses OP. A
+/// counter that cannot be read keeps its last value, since the refusal is the error to report.
 pub(crate) async fn refresh_counters(mailbox: &mut Mailbox, device: &mut SubDevice) {
     for (index, object) in
         [(OUTPUT_PARAMETER, &mut device.output_sync), (INPUT_PARAMETER, &mut device.input_sync)]
@@ -352,7 +354,7 @@ pub(crate) async fn refresh_counters(mailbox: &mut Mailbox, device: &mut SubDevi
     }
 }
 
-/// The description of an entry; `None` for what does not exist or is a gap.
+/// Reads the description of an entry; `None` if it does not exist or is a gap.
 async fn describe_entry(
     mailbox: &mut Mailbox,
     device: &SubDevice,
@@ -366,7 +368,7 @@ async fn describe_entry(
     }
 }
 
-/// A value of up to 4 bytes; `None` if the device does not have it.
+/// Reads a value of up to 4 bytes; `None` if the device does not have it.
 pub(crate) async fn number(
     mailbox: &mut Mailbox,
     device: &SubDevice,
@@ -381,7 +383,7 @@ pub(crate) async fn number(
     }
 }
 
-/// A value of up to 4 bytes that must be there.
+/// Reads a required value of up to 4 bytes.
 async fn required(
     mailbox: &mut Mailbox,
     device: &SubDevice,
@@ -402,7 +404,7 @@ fn is_abort(cause: &Cause) -> bool {
     matches!(cause, Cause::Sdo { error: SdoError::Abort(_), .. })
 }
 
-/// The device answered, and said no.
+/// Whether the device answered with a refusal.
 fn is_refusal(error: &SdoError) -> bool {
     use crate::error::MailboxError::Error;
     matches!(error, SdoError::Abort(_) | SdoError::Mailbox(Error(_)))
@@ -412,13 +414,12 @@ pub(crate) fn sdo(device: &SubDevice, object: ObjectAddress, error: SdoError) ->
     Cause::Sdo { place: device.place(), object, error }
 }
 
-/// What the sync objects count, and whether it was too much.
+/// The error counters of the sync objects, and the sync error flag.
 const COUNTERS: [u8; 4] =
     [sub::SM_EVENT_MISSED, sub::CYCLE_TIME_TOO_SMALL, sub::SHIFT_TIME_TOO_SHORT, sub::SYNC_ERROR];
-/// Place of a PDO that no SyncManager has by default.
+/// SyncManager number of a PDO that is not assigned by default.
 const NO_SYNC_MANAGER: u8 = 0xFF;
-/// An ESC has no more.
+/// Most SyncManagers of an ESC.
 const MOST_SYNC_MANAGERS: u8 = 16;
-/// Highest sub-index of the sync objects in ETG.1020; some devices state less and have it all the
-/// same.
+/// Highest sub-index of the sync objects in ETG.1020. Some devices state a lower one but have it.
 const HIGHEST_KNOWN: u8 = 0x20;

@@ -1,8 +1,9 @@
-//! The plan without a wire: what the way up would decide about a segment that is known beforehand.
+//! The plan without a wire: the decisions of a bring-up for a segment that is known beforehand.
 //!
-//! A [`Segment`] is filled with what the scan, the SII and the objects would tell: identities and clocks, PDOs (those
-//! of devices without CoE stand in the SII), sync objects, delays. [`plan`] then goes through the very steps of the way up that decide and do not
-//! ask: mode and pulses of each SubDevice, process image, timing.
+//! A [`Segment`] holds what the scan, the SII and the objects would tell: identities and clocks,
+//! PDOs (for devices without CoE in the SII), sync objects, delays. [`plan`] then makes the same
+//! decisions as the bring-up, without any access: mode and pulses of each SubDevice, process image,
+//! timing.
 
 use alloc::vec::Vec;
 
@@ -16,8 +17,8 @@ use crate::event::Stage;
 use crate::segment::Segment;
 use crate::{bring_up, hot_connect, mapping, mode, objects, sync, timing};
 
-/// Decides mode and pulses, lays out the process image and plans the cycle, into the segment. As on the
-/// way up, a line that does not fit is an error unless [`Config::force`] is set.
+/// Chooses modes and pulses, lays out the process image and plans the cycle, and stores them in the
+/// segment. As in bring-up, a line that does not fit is an error unless [`Config::force`] is set.
 pub fn plan(segment: &mut Segment, config: &Config) -> Result<(), Error> {
     let at = |stage| move |cause: Cause| Error { stage, cause };
     bring_up::check(config).map_err(at(Stage::Scan))?;
@@ -34,18 +35,19 @@ pub fn plan(segment: &mut Segment, config: &Config) -> Result<(), Error> {
     Ok(())
 }
 
-/// One thing that the way up writes to one SubDevice.
+/// One write of the bring-up to one SubDevice.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Write {
-    /// Where to.
+    /// The target.
     pub target: Target,
-    /// What, in wire order; `None` where only the run itself can know it: a clock's offset, the start time.
+    /// The bytes, in wire order; `None` if only the run can know them: a clock's offset, the start
+    /// time.
     pub data: Option<Vec<u8>>,
-    /// What it is for.
+    /// The purpose.
     pub comment: &'static str,
 }
 
-/// What is written to.
+/// The target of a write.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Target {
     /// Registers from this address on.
@@ -56,8 +58,8 @@ pub enum Target {
     Parameter(u8, Idn),
 }
 
-/// Everything that the way up writes to one SubDevice by itself, but for addresses and requests of states: on the way
-/// to PREOP, and from there to SAFEOP, each in order.
+/// All writes of the bring-up to one SubDevice except addresses and state requests, in order: on
+/// the way to PREOP, and from there to SAFEOP.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Writes {
     /// INIT to PREOP.
@@ -66,8 +68,8 @@ pub struct Writes {
     pub to_safeop: Vec<Write>,
 }
 
-/// What the way up will write to a SubDevice of a planned segment. `assigned` are the PDOs that it has in 0x1C12
-/// and 0x1C13 at power-on: what is as wanted is not written.
+/// The writes of the bring-up to a SubDevice of a planned segment. `assigned` are the PDOs in its
+/// 0x1C12 and 0x1C13 at power-on; an assignment that is already right is not written.
 pub fn writes(
     segment: &Segment,
     config: &Config,

@@ -1,13 +1,15 @@
-//! How well the segment runs: what its registers and objects say, read in the background within a share of the bus.
+//! Quality of the running segment: its registers and objects, read in the background within a share
+//! of the bus.
 //!
-//! A `Monitor` says what to read and when ([`Background`]), and takes what came back; the machine does the reading. Registers of
-//! clocks (`clocks`) travel as datagrams of their own, error counters and distances (`objects`) by SDO through each
-//! SubDevice's mailbox. Each kind has its `Pace`: half of the share if both are there. States, working
-//! counters and how late frames were (`snapshot`) come with the cycle and cost nothing. What leaves its limits and what
-//! is back within them comes out as a [`Change`] of an [`Alarm`], after some readings in a row, so that a
-//! single one raises nothing; counters are the exception, as one error is one too many.
+//! A `Monitor` tells what to read and when ([`Background`]), and takes the answers; the machine
+//! does the reading. Registers of clocks (`clocks`) travel as separate datagrams, error counters
+//! and distances (`objects`) by SDO through each SubDevice's mailbox. Each kind has its `Pace`:
+//! half of the share if both are present. States, working counters and the lateness of frames
+//! (`snapshot`) come with the cycle without further cost. A value that leaves its limits or comes
+//! back is reported as a [`Change`] of an [`Alarm`]. It takes several readings in a row, so that a
+//! single reading raises no alarm; counters are the exception, since every error counts.
 //!
-//! Readings are kept in rings whose memory is taken once.
+//! Readings are kept in ring buffers that are allocated once.
 
 use alloc::vec::Vec;
 
@@ -46,13 +48,13 @@ pub(crate) struct Monitor {
     unled_cycles: u64,
     background: Background,
     record: Record,
-    /// It was told that clocks are not led.
+    /// Whether it was reported that clocks are not controlled.
     unled: bool,
 }
 
 impl Monitor {
-    /// Watches a segment from `now` on, `cycle` being the last one begun. `noise`: standard
-    /// deviation of 0x092C by position (1 sigma).
+    /// Watches a segment from `now` on; `cycle` is the last one begun. `noise`: standard deviation
+    /// of 0x092C by position (1 sigma).
     pub fn new(
         config: QualityWatch,
         segment: &Segment,
@@ -67,22 +69,22 @@ impl Monitor {
         Self { began: now, unled_cycles: config.unled_cycles, background, record, unled: false }
     }
 
-    /// Whether there is something to do.
+    /// Whether something is due.
     pub fn is_due(&self, now: Time<Host>, cycle: u64) -> bool {
         self.background.is_due(now) || self.record.is_due(cycle)
     }
 
-    /// Which clocks to read now; none if it is not time.
+    /// The clocks to read now; empty if it is not time.
     pub fn clocks_to_read(&mut self, now: Time<Host>) -> Vec<Wanted> {
         self.background.clocks_to_read(now)
     }
 
-    /// Takes what came back from a clock; gives the alarms that come or go.
+    /// Takes the answer of a clock; returns the alarms that come or end.
     pub fn take_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         self.background.take_clock(index, found)
     }
 
-    /// Which entry to read now, of those whose mailbox is free; none if it is not time.
+    /// The entry to read now, of SubDevices with a free mailbox; `None` if it is not time.
     pub fn entry_to_read(
         &mut self,
         now: Time<Host>,
@@ -91,8 +93,8 @@ impl Monitor {
         self.background.entry_to_read(now, is_free)
     }
 
-    /// Takes the answer to such a reading, and what it cost on the wire; gives the alarms that come or go. Of one that is
-    /// `admitted` no longer only the cost counts.
+    /// Takes the answer of such a reading and its cost on the wire; returns the alarms that come or
+    /// end. If the SubDevice is not `admitted` any more, only the cost counts.
     pub fn take_entry(
         &mut self,
         wanted: (usize, ObjectAddress),
@@ -104,7 +106,7 @@ impl Monitor {
         self.background.take_entry(wanted, now, answer, cost, admitted)
     }
 
-    /// Ends a moment if it is time, and looks at states; gives the alarms that come or go.
+    /// Ends a moment if it is time, and checks states; returns the alarms that come or end.
     pub fn look(
         &mut self,
         now: Time<Host>,
@@ -122,8 +124,8 @@ impl Monitor {
         self.record.end_moment(now, cycle, counts, difference)
     }
 
-    /// Takes for how many cycles no drift frame reached all clocks; gives what is to be told of it: how many, 0 when it
-    /// is over.
+    /// Takes the number of cycles since a drift frame reached all clocks; returns the number to
+    /// report, which is 0 when a frame reaches them again.
     pub fn guidance(&mut self, cycles: u64) -> Option<u64> {
         let unled = cycles >= self.unled_cycles;
         if unled == self.unled {
@@ -134,7 +136,7 @@ impl Monitor {
         Some(if unled { cycles } else { 0 })
     }
 
-    /// Frames take another way to this clock, and its delay was set right.
+    /// Called when frames take another way to this clock and its delay was corrected.
     pub fn delay_changed(&mut self, position: usize) {
         self.background.delay_changed(position);
     }
@@ -144,7 +146,7 @@ impl Monitor {
         self.background.clocks()
     }
 
-    /// All that is known.
+    /// All present readings.
     pub fn snapshot<'a>(&'a self, now: Time<Host>, cycle: &'a CyclicExchange) -> Snapshot<'a> {
         Snapshot {
             at: now,
@@ -159,12 +161,12 @@ impl Monitor {
         }
     }
 
-    /// Wire time of all reads so far, preambles and gaps included.
+    /// Wire time of all reads so far, including preambles and gaps.
     pub fn spent(&self) -> Nanos {
         self.background.spent()
     }
 
-    /// Since when it watches.
+    /// When it began to watch.
     pub fn began(&self) -> Time<Host> {
         self.began
     }

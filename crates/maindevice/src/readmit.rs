@@ -1,13 +1,15 @@
-//! Back into a running segment: SubDevices that were lost, by power or by cable, and such as left OP.
+//! Re-admits SubDevices that lost power or link into a running segment, and recovers those that
+//! left OP.
 //!
-//! What a look at the segment found (`health`) is held against the tree of the scan: [`places`] tells who stands
-//! where. [`readmit`] takes up those that are back, all of them together, and each on its own where it can: address,
-//! identity, PREOP, objects and mapping as planned, delay and offset from the running reference clock, drift by the
-//! cyclic datagram, SYNC on the grid that the others have, SAFEOP, OP. [`recover`] is for a SubDevice that still is
-//! where it was and only left its state.
+//! The SubDevices that `health` found are compared with the tree of the scan: [`places`] assigns
+//! them. [`readmit`] re-admits all that are back together, with separate steps where possible:
+//! address, identity, PREOP, objects and mapping as planned, delay and offset from the running
+//! reference clock, drift by the cyclic datagram, SYNC on the common grid, SAFEOP, OP. [`recover`]
+//! is for a SubDevice that kept its place and only left its state.
 //!
-//! Nothing here disturbs those that run. All writes go to the SubDevice that is concerned; the one broadcast is the
-//! latch of receive times (0x0900), which neither SYNC nor the drift loop uses.
+//! None of this disturbs the running SubDevices. All writes go to the SubDevice in question; the
+//! only broadcast is the latch of receive times (0x0900), which neither SYNC nor the drift loop
+//! uses.
 
 use alloc::boxed::Box;
 use alloc::sync::Arc;
@@ -39,27 +41,27 @@ mod places;
 pub(crate) use keeper::Keeper;
 pub(crate) use places::places;
 
-/// How one SubDevice came out of it.
+/// The result for one SubDevice.
 pub(crate) type Outcome = Result<Box<(SubDevice, Option<Mailbox>)>, Cause>;
 
-/// Outcomes by position, as they come.
+/// Results by position, as they come.
 pub(crate) type Outcomes = Arc<Mutex<Vec<(usize, Outcome)>>>;
 
-/// Those that are back, and everything that is needed to take them up.
+/// The SubDevices that are back, and the data needed to re-admit them.
 pub(crate) struct Return {
     pub link: Link,
     pub config: Arc<Config>,
-    /// The segment as it was planned; who takes part in it as of now.
+    /// The segment as planned, with the SubDevices that take part at present.
     pub segment: Segment,
     pub everybody: Vec<Found>,
     pub places: Vec<Option<usize>>,
     /// Positions that are back.
     pub back: Vec<usize>,
-    /// Where each one's end is put.
+    /// Where each result is put.
     pub outcomes: Outcomes,
 }
 
-/// One SubDevice on its way, until something goes wrong.
+/// One SubDevice during its re-admission, until it fails.
 struct Traveller {
     place: usize,
     device: SubDevice,
@@ -67,7 +69,7 @@ struct Traveller {
     failed: Option<Cause>,
 }
 
-/// Takes up SubDevices that are back. What goes wrong at one of them ends its own way only.
+/// Re-admits SubDevices that are back. An error at one of them ends only its own re-admission.
 pub(crate) async fn readmit(work: Return) {
     let Return { link, config, mut segment, everybody, places, back, outcomes } = work;
     let (link, config) = (&link, &*config);
@@ -80,7 +82,8 @@ pub(crate) async fn readmit(work: Return) {
     each(&mut all, |one| Box::pin(identify(link, config, one, everybody[one.place].station))).await;
     let planned = &segment;
     each(&mut all, |one| Box::pin(prepare(link, config, planned, one))).await;
-    // The delays are those of the way that frames take now, unless another clock is made to lead: then it is another way anyhow.
+    // The delays are those of the present way of frames. If another clock becomes the reference,
+    // the way changes anyhow.
     let (reference, way) = (segment.reference, link.board(|board| board.way_changes));
     if let Err(cause) = set_clocks(link, config, &mut segment, &everybody, &places, &mut all).await
     {
@@ -108,7 +111,8 @@ pub(crate) async fn readmit(work: Return) {
     let Ok(_) = join(ends.collect()).await;
 }
 
-/// The same at all that are still on their way, side by side, each to its own end.
+/// Runs the same procedure at all SubDevices that have not failed, concurrently, each to its own
+/// end.
 async fn each<'a>(
     all: &'a mut [Traveller],
     procedure: impl Fn(&'a mut Traveller) -> Procedure<'a, Result<(), Cause>>,
@@ -123,7 +127,8 @@ async fn each<'a>(
     let Ok(_) = join(procedures).await;
 }
 
-/// Gives it its address and sees who it is. Another device keeps the address that it had.
+/// Gives the SubDevice its address and checks its identity. A different device gets its former
+/// address back.
 async fn identify(
     link: &Link,
     config: &Config,
@@ -155,7 +160,7 @@ async fn identify(
             let (place, planned, found) = (planned.place(), planned.dc, found.dc);
             return Err(Cause::Clock { place, planned, found });
         }
-        // The rest is as it was planned.
+        // All other data is as planned.
         one.device = SubDevice {
             esc: found.esc,
             identity: found.identity,
@@ -172,13 +177,13 @@ async fn identify(
     keep(one, result)
 }
 
-/// A failure ends the way of one.
+/// Stores a failure, which ends the re-admission of this SubDevice.
 fn keep(one: &mut Traveller, result: Result<(), Cause>) -> Result<(), Cause> {
     one.failed = result.clone().err();
     result
 }
 
-/// PREOP, objects and mapping, which must be what the process image was made for.
+/// Goes to PREOP and checks objects and mapping, which must be those of the process image.
 async fn prepare(
     link: &Link,
     config: &Config,
@@ -207,8 +212,8 @@ async fn prepare(
     keep(one, result)
 }
 
-/// What it says of itself must fit the plan that all run by: a device with other firmware, or one of which only a
-/// description was known, may need longer.
+/// Checks that its stated times fit the common plan: a device with other firmware, or one that was
+/// only known by a description, may need longer.
 fn still_fits(config: &Config, segment: &Segment, device: &SubDevice) -> Result<(), Cause> {
     let Some(timing) = &segment.timing else { return Ok(()) };
     let mut chosen = device.clone();
@@ -232,7 +237,7 @@ fn wish<'a>(config: &'a Config, device: &SubDevice) -> Option<&'a DeviceConfig> 
     config.devices.get(device.position)
 }
 
-/// Delay and offset of those that have a clock.
+/// Sets delay and offset of the SubDevices with a clock.
 async fn set_clocks(
     link: &Link,
     config: &Config,
@@ -251,7 +256,7 @@ async fn set_clocks(
         }
     }
     let joining: Vec<usize> = going.iter().map(|one| one.device.position).collect();
-    // Frames pass all that answer, those too that could not be taken up.
+    // Frames pass all SubDevices that answer, including those that could not be re-admitted.
     let there: Vec<usize> = (0..places.len())
         .filter(|at| segment.devices[*at].admitted || places[*at].is_some())
         .collect();
@@ -259,7 +264,8 @@ async fn set_clocks(
     for &at in there.iter().filter(|at| !joining.contains(at)) {
         let device = &mut segment.devices[at];
         let found = places[at].and_then(|place| everybody.get(place));
-        // One that kept the address of its own, or lost the one that it was given, can't be asked for its times.
+        // A SubDevice that kept its former address, or lost its new one, cannot be asked for its
+        // times.
         if !device.admitted && found.is_none_or(|found| found.station != device.station) {
             device.dc = DcCapability::None;
             strangers += 1;
@@ -275,8 +281,8 @@ async fn set_clocks(
     Ok(())
 }
 
-/// From clocks that were set to OP. `way` counts the ways that frames had taken when the delays were measured; `None`: another
-/// clock leads since.
+/// From set clocks to OP. `way` is the number of way changes when the delays were measured; `None`:
+/// the reference has changed since.
 async fn finish(
     link: &Link,
     config: &Config,
@@ -285,7 +291,7 @@ async fn finish(
     one: &mut Traveller,
 ) -> Result<(), Cause> {
     let device = &mut one.device;
-    // Who leads now does so within these.
+    // A new reference takes over within this time.
     link.sleep(Nanos(3 * config.cycle.0)).await;
     let way = way.unwrap_or_else(|| link.board(|board| board.way_changes));
     let led = segment.reference.filter(|reference| *reference != device.position);
@@ -310,8 +316,8 @@ async fn finish(
     stays_on(way, link, segment, device)
 }
 
-/// Sees that frames have not come to take another way to a clock that is led: nobody sets its delay right before it is
-/// admitted.
+/// Checks that frames have not changed their way to a controlled clock: before it is admitted, no
+/// code corrects its delay.
 fn stays_on(way: u64, link: &Link, segment: &Segment, device: &SubDevice) -> Result<(), Cause> {
     let is_led = device.dc.has_clock() && segment.reference != Some(device.position);
     match is_led && link.board(|board| board.way_changes) != way {
@@ -320,7 +326,7 @@ fn stays_on(way: u64, link: &Link, segment: &Segment, device: &SubDevice) -> Res
     }
 }
 
-/// SYNC on the grid that all have.
+/// Programs SYNC on the common grid.
 async fn program_sync(
     link: &Link,
     config: &Config,
@@ -339,7 +345,7 @@ async fn program_sync(
     sync::program(link, device, acting).await
 }
 
-/// Sees that pulses come, one cycle behind the first.
+/// Waits until one cycle after the first pulse, and verifies that pulses come.
 async fn wait_for_sync(
     link: &Link,
     config: &Config,
@@ -352,10 +358,10 @@ async fn wait_for_sync(
     sync::verify(link, device).await
 }
 
-/// Waits until inputs come, and for some cycles in which the outputs of the present ones have gone out.
+/// Waits until inputs come, or without inputs for some cycles in which outputs were sent.
 ///
-/// They are read by a datagram of its own, as its logical bytes are shared with nobody: the working counter of the
-/// cycle can't tell who is still missing.
+/// Inputs are read by a separate datagram, since their logical bytes belong to this SubDevice
+/// alone; the working counter of the cycle cannot tell which SubDevice is still missing.
 async fn wait_for_inputs(link: &Link, config: &Config, device: &SubDevice) -> Result<(), Cause> {
     let own = Nanos(config.cycle.0 * i64::from(device.every));
     let longer = Nanos((own - config.cycle).0 * bring_up::COMPLETE_CYCLES as i64);
@@ -381,8 +387,8 @@ async fn wait_for_inputs(link: &Link, config: &Config, device: &SubDevice) -> Re
     Ok(())
 }
 
-/// Brings a SubDevice that left OP, but is in SAFEOP and synchronized, back: error acknowledged, SYNC seen to run,
-/// OP.
+/// Recovers a SubDevice that left OP but is in SAFEOP and synchronized: it acknowledges the error,
+/// verifies SYNC, and goes to OP.
 pub(crate) async fn recover(
     link: Link,
     config: Arc<Config>,
@@ -397,13 +403,14 @@ pub(crate) async fn recover(
     }
     let_sync_run(&link, &config, &segment, &mut device).await?;
     wait_for_inputs(&link, &config, &device).await?;
-    // Once more: a SubDevice whose pulses went away meanwhile waits for them on its way to OP, for seconds.
+    // SYNC is verified again, because a SubDevice whose pulses stopped meanwhile would wait for
+    // them for seconds on its way to OP.
     let_sync_run(&link, &config, &segment, &mut device).await?;
     esm::change(&link, &mut device, AlState::Op, config.timeouts.op).await?;
     Ok(device)
 }
 
-/// Sees that pulses come, and programs SYNC anew if they do not.
+/// Verifies SYNC, and programs it again if there are no pulses.
 async fn let_sync_run(
     link: &Link,
     config: &Config,

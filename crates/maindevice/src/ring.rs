@@ -1,17 +1,19 @@
 //! The second port: a ring of SubDevices that one broken cable does not stop.
 //!
-//! Every frame leaves both ports at once, and what comes back becomes one frame for the rest of the machine.
+//! Every frame leaves both ports at once, and the returned copies become one frame for the rest of
+//! the machine.
 //!
-//! - **Whole ring.** Copy A, from the primary port, passes all SubDevices in processing order and arrives at the
-//!   secondary port: it is the answer, and goes on as it is. Copy B, from the secondary port, runs against that
-//!   order, is looked into by nobody, arrives at the primary port, and only shows that the ring is whole.
-//! - **Cut ring.** Both copies turn at the cut and come back where they left, each processed by its part and in the
-//!   same order of SubDevices: B turns first. They are merged. One of them may be missing, lost or because there is
-//!   no cable at its port; then the other goes on alone behind a time ([`config::Ring::patience`]), and at once when
-//!   that happens again and again.
+//! - **Whole ring.** Copy A, from the primary port, passes all SubDevices in processing order and
+//!   arrives at the secondary port: it is the answer and is used unchanged. Copy B, from the
+//!   secondary port, runs against that order, is not processed by any SubDevice, arrives at the
+//!   primary port, and only shows that the ring is whole.
+//! - **Cut ring.** Both copies turn at the cut and return to their port, each processed by its part
+//!   and in the same order of SubDevices: B turns first. They are merged. One of them may be
+//!   missing, lost or because there is no cable at its port. Then the other is used alone after a
+//!   time ([`config::Ring::patience`]), and at once if this repeats.
 //!
-//! Each SubDevice is reached by one of the copies, so most commands mean in B what they mean in A. Those that don't
-//! become NOP in B:
+//! Each SubDevice is reached by one of the copies, so most commands mean in B what they mean in A.
+//! The others become NOP in B:
 //!
 //! | command | in B | merged: data | why |
 //! |---|---|---|---|
@@ -24,12 +26,14 @@
 //! | FRMW of 0x0910 | NOP, or led by the first clock behind the cut | A's | all that follow would take the zeros for a time |
 //! | FRMW of others | NOP | A's | the same |
 //!
-//! Working counters add up. The source address tells the copies apart: B's has the lowest bit of its last octet
-//! inverted. Buffers are kept from frame to frame, so that nothing is allocated in operation.
+//! Working counters are added. The source address distinguishes the copies: B's has the lowest bit
+//! of its last octet inverted. Buffers are reused from frame to frame, so that operation does not
+//! allocate.
 //!
-//! The way up is that of a line: [`close`] closes the port through which the last SubDevice sends to the secondary port,
-//! and [`open`] opens it again. Delays stay true in the whole ring, as A goes the same way, and behind a cut,
-//! as B passes those there in the same order; what it needs more it needs to all of them.
+//! The bring-up is that of a line: [`close`] closes the port through which the last SubDevice sends
+//! to the secondary port, and [`open`] opens it again. Delays stay right in the whole ring, since A
+//! goes the same way, and behind a cut, since B passes the SubDevices there in the same order; the
+//! additional time of B is equal for all of them.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -52,49 +56,49 @@ pub(crate) use way::{check, close, is_closed, open};
 /// A network port of the MainDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Port {
-    /// The one in front of the first SubDevice.
+    /// The port in front of the first SubDevice.
     Primary,
-    /// The other end of a ring, behind the last one.
+    /// The other end of a ring, behind the last SubDevice.
     Secondary,
 }
 
-/// Frames under way in both directions.
+/// Frames in flight in both directions.
 pub(crate) struct Copies {
     sources: [[u8; 6]; 2],
     patience: Nanos,
-    /// How long copies must have been missing at least until those behind their port are taken for gone.
+    /// Shortest time without copies after which the SubDevices behind that port count as lost.
     gone: Nanos,
-    /// How long a copy can be under way: of a frame of the cycle, of another one.
+    /// Longest time that a copy can be in flight: of a frame of the cycle, and of another one.
     longest: [Nanos; 2],
     slots: Vec<Slot>,
-    /// What two copies were made to.
+    /// The result of merging two copies.
     merged: Vec<u8>,
     /// When a copy from each port last came back.
     heard: [Time<Host>; 2],
-    /// How many copies from each port did not come back since, while the other did.
+    /// Number of copies from each port that did not come back since then, while the other copy did.
     missed: [u32; 2],
-    /// Leads the clocks behind the cut.
+    /// The reference of the clocks behind the cut.
     pub leader: Option<StationAddress>,
-    /// Copies that did not come back.
+    /// Number of copies that did not come back.
     pub lost: u64,
 }
 
 /// One frame.
 struct Slot {
     state: State,
-    /// As it left the primary port.
+    /// The frame as it left the primary port.
     sent: Vec<u8>,
     /// The copy that came back first, if it turned at a cut.
     came: Vec<u8>,
-    /// Whom it came from.
+    /// The port that it was sent from.
     first: Port,
-    /// Copies that are under way.
+    /// Whether the copy of each port is in flight.
     under_way: [bool; 2],
-    /// Copy B has not left yet.
+    /// Whether copy B has not left yet.
     to_send: bool,
     leader: Option<StationAddress>,
     expires: Time<Host>,
-    /// Until when the other copy is waited for.
+    /// When the wait for the other copy ends.
     until: Time<Host>,
 }
 
@@ -103,20 +107,20 @@ enum State {
     Free,
     /// No copy is back.
     Out,
-    /// One turned at a cut and is kept.
+    /// One copy turned at a cut and is kept.
     Half,
-    /// The machine has its answer; copies may still come.
+    /// The machine has its answer; further copies may still come.
     Done,
 }
 
-/// What becomes of a frame that came in.
+/// How a received frame is used.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Taken {
-    /// It goes on as it is.
+    /// The machine takes it unchanged.
     AsItIs,
-    /// [`Copies::merged`] goes on in its place.
+    /// The machine takes [`Copies::merged`] instead.
     Merged,
-    /// Nothing goes on.
+    /// The machine takes nothing.
     Kept,
 }
 
@@ -139,7 +143,7 @@ impl Copies {
         }
     }
 
-    /// A frame leaves the primary port; its copy is to leave the other.
+    /// Called when a frame leaves the primary port; its copy must then leave the other port.
     pub fn sent(&mut self, now: Time<Host>, frame: &[u8]) {
         for slot in &mut self.slots {
             if slot.state != State::Free && slot.expires <= now {
@@ -164,7 +168,7 @@ impl Copies {
         slot.expires = now + self.longest[usize::from(!is_cyclic(frame))];
     }
 
-    /// Writes the copy that is to leave the secondary port now.
+    /// Writes the copy that must leave the secondary port now.
     pub fn transmit(&mut self, buffer: &mut [u8]) -> Option<usize> {
         let fits = |slot: &&mut Slot| slot.state != State::Free && slot.to_send;
         let slot = self.slots.iter_mut().find(fits)?;
@@ -176,7 +180,7 @@ impl Copies {
         Some(bytes.len())
     }
 
-    /// Takes a frame that came in at a port.
+    /// Takes a frame received at a port.
     pub fn take(
         &mut self,
         port: Port,
@@ -189,7 +193,7 @@ impl Copies {
             return Taken::AsItIs;
         }
         let Some(at) = self.find(frame) else {
-            // Nobody waits for it; the machine counts those that it knows.
+            // It is not expected; the machine counts such frames of the primary port.
             return if from == Port::Primary { Taken::AsItIs } else { Taken::Kept };
         };
         let (own, other) = (from as usize, 1 - from as usize);
@@ -210,7 +214,7 @@ impl Copies {
                 if merge::counts(frame) {
                     shared.view = View::Reverse;
                 }
-                // It was at nobody's: what turned is all there is.
+                // This copy passed no SubDevice, so the copy that turned holds all answers.
                 match self.slots[at].state {
                     State::Half => self.alone(at, false, shared),
                     _ => Taken::Kept,
@@ -225,7 +229,7 @@ impl Copies {
         taken
     }
 
-    /// A copy that turned at a cut.
+    /// Takes a copy that turned at a cut.
     fn take_turned(
         &mut self,
         at: usize,
@@ -270,7 +274,7 @@ impl Copies {
         }
     }
 
-    /// The copy that came goes on without the other. `silent`: the other has not come for long.
+    /// Uses the received copy without the other. `silent`: the other has been missing for long.
     fn alone(&mut self, at: usize, silent: bool, shared: &mut RingState) -> Taken {
         let slot = &mut self.slots[at];
         slot.state = State::Done;
@@ -292,7 +296,7 @@ impl Copies {
         }
     }
 
-    /// A frame whose other copy is waited for no longer; to be called until it gives nothing.
+    /// Ends the wait of a frame for its other copy. Call this until it returns `None`.
     pub fn expire(&mut self, now: Time<Host>, shared: &mut RingState) -> Option<Taken> {
         let at = self.slots.iter().position(|slot| slot.until <= now)?;
         let slot = &mut self.slots[at];
@@ -300,7 +304,7 @@ impl Copies {
         let other = 1 - slot.first as usize;
         self.missed[other] = self.missed[other].saturating_add(1);
         if !is_cyclic(&slot.sent) && !self.is_gone(other, now) {
-            // That nobody answers must be true: rather it is sent again.
+            // A missing answer must be certain, so the frame is discarded here and sent again.
             self.slots[at].state = State::Done;
             return Some(Taken::Kept);
         }
@@ -308,22 +312,22 @@ impl Copies {
         Some(self.alone(at, silent, shared))
     }
 
-    /// Whether nobody is behind a port any more.
+    /// Whether all SubDevices behind a port are lost.
     fn is_gone(&self, port: usize, now: Time<Host>) -> bool {
         self.missed[port] >= GONE && now - self.heard[port] >= self.gone
     }
 
-    /// When a copy is waited for no longer.
+    /// When the next wait for a copy ends.
     pub fn next_timeout(&self) -> Time<Host> {
         self.slots.iter().map(|slot| slot.until).fold(Time::NEVER, Time::min)
     }
 
-    /// The frame that two copies, or one of them, were made to.
+    /// The frame that was merged from two copies, or made from one.
     pub fn merged(&self) -> &[u8] {
         &self.merged
     }
 
-    /// From which port a frame left; `None`: it is none of ours.
+    /// The port from which a frame left; `None`: it is not ours.
     fn origin(&self, frame: &[u8]) -> Option<Port> {
         let found = passed(*frame.get(6..)?.first_chunk()?);
         match self.sources.map(passed) {
@@ -335,7 +339,7 @@ impl Copies {
 
     fn find(&self, frame: &[u8]) -> Option<usize> {
         let start = payload_offset(frame).ok()?;
-        // Whatever is cut off is nobody's.
+        // A truncated frame belongs to no slot.
         frame::payload(frame).ok()?;
         let same = |slot: &Slot| {
             slot.state != State::Free
@@ -372,14 +376,16 @@ fn is_cyclic(frame: &[u8]) -> bool {
     frame.get(start + 1).is_some_and(|index| *index >= CYCLIC_INDEX)
 }
 
-/// What a broadcast read counted on either side.
+/// Takes the working counters of a broadcast read on either side.
 fn see(shared: &mut RingState, counts: merge::Counts) {
     if let Some((near, far)) = counts.broadcast {
         shared.view = View::Cut { near, far };
     }
 }
 
-/// Copies in a row that may be lost; behind that no frame of the cycle waits for the next.
+/// Copies in a row that may be missing; after that frames of the cycle no longer wait for the other
+/// copy.
 const SILENT: u32 = 2;
-/// The same for other frames, from which it follows who is lost: far more than a disturbance takes.
+/// The same for other frames, whose answers decide which SubDevices are lost: far more than a
+/// disturbance takes.
 const GONE: u32 = 10;

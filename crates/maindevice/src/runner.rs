@@ -1,4 +1,4 @@
-//! A MainDevice with its application: what is to be called after which input.
+//! A MainDevice with its application: the calls after each input.
 
 use isocat_wire::time::{Host, Time};
 
@@ -9,11 +9,12 @@ use crate::ring::Port;
 
 /// Runs a [`MainDevice`] and an [`Application`] on it, in virtual time as well as on a wire.
 ///
-/// - Input: [`handle_frame`](Self::handle_frame), [`handle_timeout`](Self::handle_timeout). If it completes a cycle, the
-///   application has been called when it returns, and the cycle's number comes back.
-/// - Output, to be drained after each input or request: [`poll_event`](Self::poll_event), which shows events to the
-///   application first, and [`poll_transmit`](Self::poll_transmit), with [`poll_secondary`](Self::poll_secondary)
-///   behind each frame in a ring; then [`next_timeout`](Self::next_timeout) anew.
+/// - Input: [`handle_frame`](Self::handle_frame), [`handle_timeout`](Self::handle_timeout). If the
+///   input completes a cycle, they call the application and return the cycle's number.
+/// - Output, to be drained after each input or request: [`poll_event`](Self::poll_event), which
+///   passes events to the application first, and [`poll_transmit`](Self::poll_transmit), with
+///   [`poll_secondary`](Self::poll_secondary) after each frame in a ring; then
+///   [`next_timeout`](Self::next_timeout) again.
 /// - Requests: [`main_mut`](Self::main_mut).
 pub struct Runner<A> {
     main: MainDevice,
@@ -21,26 +22,26 @@ pub struct Runner<A> {
 }
 
 impl<A: Application> Runner<A> {
-    /// A machine at its beginning, and the application that it is for.
+    /// A new machine with its application.
     pub fn new(main: MainDevice, application: A) -> Self {
         Self { main, application }
     }
 
-    /// Takes a frame that came in at a port, as [`MainDevice::handle_frame_at`]. Gives the number of the cycle that it
-    /// completed; the application has been called for it if process data run.
+    /// Takes a frame received at a port, as [`MainDevice::handle_frame_at`]. Returns the number of
+    /// the cycle that it completed; the application has been called for it if process data run.
     pub fn handle_frame(&mut self, port: Port, now: Time<Host>, frame: &[u8]) -> Option<u64> {
         self.main.handle_frame_at(port, now, frame);
         self.main.poll_cycle(&mut self.application)
     }
 
-    /// Tells the time, as [`MainDevice::handle_timeout`]. Gives the number of the cycle that is over with it; the
-    /// application has been called for it if process data run.
+    /// Passes the time, as [`MainDevice::handle_timeout`]. Returns the number of the cycle that
+    /// ends with it; the application has been called for it if process data run.
     pub fn handle_timeout(&mut self, now: Time<Host>) -> Option<u64> {
         self.main.handle_timeout(now);
         self.main.poll_cycle(&mut self.application)
     }
 
-    /// The next thing that happened; the application has seen it.
+    /// Takes the next event; the application has seen it.
     pub fn poll_event(&mut self) -> Option<Event> {
         let event = self.main.poll_event()?;
         self.application.event(&event);
@@ -62,7 +63,7 @@ impl<A: Application> Runner<A> {
         self.main.next_timeout()
     }
 
-    /// The MainDevice, to ask something of it; what it has to send then is to be drained.
+    /// The MainDevice, for requests; drain its output afterwards.
     pub fn main_mut(&mut self) -> &mut MainDevice {
         &mut self.main
     }
@@ -72,7 +73,7 @@ impl<A: Application> Runner<A> {
         &mut self.application
     }
 
-    /// The end: both parts.
+    /// Returns both parts.
     pub fn into_parts(self) -> (MainDevice, A) {
         (self.main, self.application)
     }

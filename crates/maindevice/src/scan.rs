@@ -1,4 +1,4 @@
-//! Reset, count, addresses, and what each ESC says of itself.
+//! The scan: reset, count, addresses, and the ESC information.
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
@@ -21,8 +21,8 @@ use crate::ring;
 use crate::segment::{DcCapability, EscInformation, Segment, SubDevice, station_of};
 use crate::topology::{self, Ports};
 
-/// Finds all SubDevices and brings them, whatever they did before, into INIT with nothing left over
-/// from an earlier run.
+/// Finds all SubDevices and brings them from any state into INIT, without settings of an earlier
+/// run.
 pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) -> Result<(), Cause> {
     find(link, config, segment).await?;
     address(link, segment).await?;
@@ -45,7 +45,8 @@ pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) ->
     complete(link, config, segment).await
 }
 
-/// Where SubDevices may be absent: everybody in its own position, and the absent ones in theirs.
+/// With hot-connect SubDevices: gives each SubDevice found its position, and inserts the absent
+/// ones.
 pub(crate) async fn complete(
     link: &Link,
     config: &Config,
@@ -86,8 +87,8 @@ pub(crate) async fn find(link: &Link, config: &Config, segment: &mut Segment) ->
     Ok(())
 }
 
-/// Whether there is a last SubDevice and none behind it, where a single working counter says that there are many and nobody
-/// has said how many there should be: each of them costs memory and frames.
+/// Checks that there is a last SubDevice and none behind it. It is used if a single working counter
+/// announces many and none are configured, since each of them costs memory and frames.
 async fn check_ends(link: &Link, count: u16) -> Result<(), Cause> {
     let (last, behind) = (usize::from(count) - 1, usize::from(count));
     for (position, expected) in [(last, 1), (behind, 0)] {
@@ -99,7 +100,7 @@ async fn check_ends(link: &Link, count: u16) -> Result<(), Cause> {
     Ok(())
 }
 
-/// Undoes what an earlier run left over, and gives station addresses.
+/// Resets the settings of an earlier run, and gives station addresses.
 pub(crate) async fn address(link: &Link, segment: &Segment) -> Result<(), Cause> {
     reset(link, segment.devices.len() as u16).await?;
     let address = register::STATION_ADDRESS.address;
@@ -114,7 +115,7 @@ pub(crate) async fn address(link: &Link, segment: &Segment) -> Result<(), Cause>
     Ok(())
 }
 
-/// Who hangs on whom, as far as open ports tell, and whose clock leads.
+/// Finds the parents, as far as open ports show them, and the reference clock.
 pub(crate) fn tree(segment: &mut Segment) -> Result<(), Cause> {
     segment.reference = segment.devices.iter().position(|device| device.dc.has_clock());
     let ports: Vec<_> = segment
@@ -159,21 +160,23 @@ async fn count(link: &Link) -> Result<u16, Cause> {
     }
 }
 
-/// So many SubDevices are believed without a further question: they cost next to nothing.
+/// Up to this number of SubDevices the working counter is believed without a check: they cost
+/// little.
 const DOUBTFUL: u16 = 512;
 
-/// Register 0x0100 bit 0: EtherCAT frames are processed and their source address is marked, other frames are destroyed.
+/// Register 0x0100 bit 0: EtherCAT frames are processed and their source address is marked, other
+/// frames are destroyed.
 const DL_CONTROL_MARKS: u8 = 1;
 
 /// How long to wait for the first frame that comes back.
 const FIRST_ANSWER: Nanos = Nanos(1_000_000_000);
 
-/// Broadcasts that undo an earlier run. SYNC first: pulses that go on would throw a device out of
-/// INIT.
+/// Resets the settings of an earlier run by broadcasts. SYNC comes first: further pulses would take
+/// a device out of INIT.
 ///
-/// Registers that not every ESC has may count less than all SubDevices, never more; AL control
-/// counts 0 where the firmware has not yet read an earlier request, and is asked for again one by
-/// one.
+/// Registers that not every ESC has may have a working counter below the number of SubDevices, but
+/// never above it. AL control has 0 if the firmware has not yet read an earlier request, and is
+/// then repeated for each SubDevice.
 async fn reset(link: &Link, count: u16) -> Result<(), Cause> {
     let init = AlControl::request_and_acknowledge(AlState::Init);
     let zeros = [0; 256];
@@ -214,7 +217,7 @@ async fn reset(link: &Link, count: u16) -> Result<(), Cause> {
     Ok(())
 }
 
-/// The EEPROM of one SubDevice back from a PDI that may hold it, to ECAT.
+/// Takes the EEPROM of one SubDevice from a PDI that may hold it, for ECAT.
 pub(crate) async fn take_eeprom(link: &Link, station: StationAddress) -> Result<(), AccessError> {
     for value in [2, 0] {
         link.write(station, register::EEPROM_CONFIGURATION, value).await?;
@@ -222,7 +225,8 @@ pub(crate) async fn take_eeprom(link: &Link, station: StationAddress) -> Result<
     Ok(())
 }
 
-/// Undoes at one SubDevice what an earlier run left, SYNC first. What it does not have counts 0.
+/// Resets the settings of an earlier run at one SubDevice, SYNC first. Registers that it does not
+/// have return a working counter of 0.
 pub(crate) async fn reset_one(link: &Link, station: StationAddress) -> Result<(), AccessError> {
     let zeros = [0; 256];
     let all: [(u16, &[u8]); 6] = [
@@ -246,7 +250,7 @@ pub(crate) async fn reset_one(link: &Link, station: StationAddress) -> Result<()
     Ok(())
 }
 
-/// Reads what an ESC says of itself.
+/// Reads the ESC information.
 pub(crate) async fn describe(link: &Link, device: &mut SubDevice) -> Result<(), Cause> {
     let station = device.station;
     let information = link.fprd(station, register::TYPE.address, 10);

@@ -1,4 +1,4 @@
-//! What was found: the segment and its SubDevices.
+//! The segment and its SubDevices, as found and planned.
 
 use alloc::boxed::Box;
 use alloc::string::String;
@@ -28,20 +28,20 @@ use crate::times::OwnTimes;
 pub struct Segment {
     /// The SubDevices by position.
     pub devices: Vec<SubDevice>,
-    /// Position of the SubDevice whose clock leads; `None` without any DC clock.
+    /// Position of the reference clock; `None` without any DC clock.
     pub reference: Option<usize>,
-    /// Where the process data lie.
+    /// Layout of the process data.
     pub image: ProcessImage,
     /// The timing of one cycle; `None` before it is planned.
     pub timing: Option<Timing>,
-    /// What a survey could not read or bring about, in the order of its stages; empty otherwise.
+    /// Errors of a survey, in the order of its stages; empty otherwise.
     pub problems: Vec<Error>,
 }
 
-/// The timing of one cycle as it was planned.
+/// The planned timing of one cycle.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Timing {
-    /// Bus cycle, send phase, jitter and clock error that were planned with.
+    /// Bus cycle, send phase, jitter and clock error of the plan.
     pub cycle: budget::Cycle,
     /// Phase of SYNC0 in the system-time cycle; `None` if no SubDevice uses it.
     pub sync0: Option<Nanos>,
@@ -52,23 +52,23 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// The demand of the frames: all of the fullest cycle, with the gap behind each.
+    /// The demand of the frames: all frames of the fullest cycle, with the gap after each.
     pub fn frames_in_cycle(&self) -> Demand {
         budget::frames_in_cycle(&self.cycle, self.frames_on_wire())
     }
 
-    /// How long all frames of the fullest cycle take on the wire, with the gap behind each.
+    /// Wire time of all frames of the fullest cycle, with the gap after each.
     pub fn frames_on_wire(&self) -> Nanos {
         self.frames.last().map_or(Nanos::ZERO, |frame| frame.end + GAP)
     }
 
-    /// One line of a SubDevice with all its figures; `None` if it does not have it.
+    /// One line of a SubDevice with all its figures; `None` if the SubDevice does not have it.
     pub fn demand(&self, position: usize, check: Check) -> Option<Demand> {
         let (device, _) = self.devices.get(position)?;
         budget::demand(&self.cycle, self.sync0.unwrap_or(Nanos::ZERO), device, check)
     }
 
-    /// When what happens at a SubDevice.
+    /// The times of the events at a SubDevice.
     pub fn moments(&self, position: usize) -> Option<Moments> {
         let (device, _) = self.devices.get(position)?;
         Some(budget::moments(&self.cycle, self.sync0.unwrap_or(Nanos::ZERO), device))
@@ -78,20 +78,21 @@ impl Timing {
 /// Least pause between two frames on the wire: 12 byte times.
 pub(crate) const GAP: Nanos = Nanos(12 * isocat_wire::frame::BYTE_TIME_NS as i64);
 
-/// One frame of the cycle. Times count from the first bit of the cycle's first frame, in the fullest cycle.
+/// One frame of the cycle. Times count from the first bit of the cycle's first frame, in the
+/// fullest cycle.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct FramePlan {
-    /// It travels in the bus cycles whose number by system time is a multiple of this.
+    /// The frame leaves in the bus cycles whose number by system time is a multiple of this.
     pub every: u32,
-    /// By how much it is earlier where fewer frames go before it.
+    /// How much earlier it is if fewer frames go before it.
     pub spread: Nanos,
     /// First bit of its preamble.
     pub begin: Nanos,
     /// Last bit of its check sequence.
     pub end: Nanos,
-    /// Bytes without check sequence, padding included.
+    /// Bytes without check sequence, including padding.
     pub length: usize,
-    /// What is in it.
+    /// Its datagrams.
     pub datagrams: Vec<DatagramPlan>,
 }
 
@@ -115,19 +116,19 @@ pub struct DatagramPlan {
 pub struct SubDevice {
     /// Place in processing order, from 0.
     pub position: usize,
-    /// Station address given to it, 0x1001 and on.
+    /// Station address given to it, from 0x1001 on.
     pub station: StationAddress,
-    /// Name of the configuration, else of its SII, else empty.
+    /// Name of the configuration, otherwise of its SII, otherwise empty.
     pub name: String,
     /// Registers 0x0000 to 0x0009.
     pub esc: EscInformation,
-    /// Who it is, by its SII.
+    /// Its identity, by its SII.
     pub identity: Identity,
     /// Its SII, as far as it is used.
     pub sii: Sii,
     /// Register 0x0110 at the scan.
     pub dl_status: DlStatus,
-    /// Where frames come in.
+    /// The port through which frames enter.
     pub entry: PortNumber,
     /// The SubDevice before it and the port there; `None` for the first.
     pub parent: Option<(usize, PortNumber)>,
@@ -143,52 +144,56 @@ pub struct SubDevice {
     pub output_sync: Option<SyncObject>,
     /// Object 0x1C33; `None` if the device has none.
     pub input_sync: Option<SyncObject>,
-    /// What it measured of its own times on the way up; `None` where it was not asked to.
+    /// Times that it measured itself during bring-up; `None` without such a measurement.
     pub own_times: Option<OwnTimes>,
-    /// Propagation delay from the reference clock, as it was written to register 0x0928; `None` where it was
+    /// Propagation delay from the reference clock, as written to register 0x0928; `None` if it was
     /// neither measured nor written.
     pub delay: Option<Nanos>,
-    /// What the receive times say of it, with its error, or why they do not; `None` before they were latched.
+    /// Its delay by the receive times, with the error, or why they do not determine it; `None`
+    /// before the first latch.
     pub measured_delay: Option<Delay>,
     /// Spread of the delay over all latches, largest less smallest.
     pub delay_spread: Option<Nanos>,
-    /// Latches whose times contradicted each other here, or above so that they did not tell the delay.
+    /// Number of latches whose times contradicted each other here, or above in such a way that they
+    /// do not determine the delay.
     pub delay_latches_left_out: u32,
     /// Offset written to 0x0920.
     pub offset: u64,
     /// Last 0x092C read: local time less received time.
     pub difference: Option<Nanos>,
-    /// What the sign of its 0x092C means: as was found out when its clock was set, else as older
-    /// register texts have it.
+    /// What the sign of its 0x092C means: as measured when its clock was set, otherwise as in older
+    /// register documentations.
     pub difference_polarity: DifferencePolarity,
-    /// Mode chosen.
+    /// The chosen mode.
     pub mode: SyncMode,
-    /// Why not the mode above it, in words; empty if the mode was wished or is the highest.
+    /// Why it is not a higher mode, in words; empty if the mode was configured or is the highest.
     pub mode_reason: String,
     /// SYNC unit as programmed and verified; `None` in modes without SYNC.
     pub sync: Option<SyncSetting>,
     /// The SYNC pulses that its mode asks for.
     pub pulses: Pulses,
-    /// What registers 0x0980 and 0x0981 get by [`DeviceConfig::unit`](crate::DeviceConfig::unit).
+    /// The values for registers 0x0980 and 0x0981 by
+    /// [`DeviceConfig::unit`](crate::DeviceConfig::unit).
     pub unit: Option<AssignActivate>,
-    /// Its process data travel in every so many bus cycles; 1 or more.
+    /// Its process data are exchanged in every n-th bus cycle; 1 or more.
     pub every: u32,
-    /// Whether it takes part; a SubDevice that is lost does not until it is admitted again.
+    /// Whether it takes part; a lost SubDevice does not until it is re-admitted.
     pub admitted: bool,
     /// Last AL status seen.
     pub al_status: AlStatus,
     /// Last AL status code read.
     pub al_code: AlStatusCode,
-    /// What only a survey asks for; empty otherwise.
+    /// Readings that only a survey makes; empty otherwise.
     pub observed: Observed,
-    /// Optional services that it answered badly on the way up, in the order in which they were asked for.
+    /// Optional services that it answered badly during bring-up, in the order of the requests.
     pub substitutes: Vec<Substitute>,
-    /// Why it was left out of a way up that went on without it ([`Config::tolerate`](crate::Config::tolerate)); it is
-    /// there, in INIT, and takes no part.
+    /// Why it was left out of a bring-up that continued without it
+    /// ([`Config::tolerate`](crate::Config::tolerate)); it is present, in INIT, and takes no part.
     pub left_out: Option<Box<Error>>,
 }
 
-/// What only a survey asks an ESC for. `None`: it does not have it, or did not answer.
+/// Readings of an ESC that only a survey makes. `None`: it does not have the register, or did not
+/// answer.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Observed {
     /// AL status and code before anything was written to it.
@@ -199,20 +204,21 @@ pub struct Observed {
     pub pdi: Option<u8>,
     /// Register 0x0151: use of the SYNC/LATCH pins.
     pub sync_latch: Option<u8>,
-    /// How fast its clock runs freely.
+    /// Speed of its clock when it runs freely.
     pub speed: Option<Speed>,
-    /// Registers 0x0930 and 0x0932 when the clocks had converged: bandwidth, and present correction.
+    /// Registers 0x0930 and 0x0932 when the clocks had converged: bandwidth, and present
+    /// correction.
     pub correction: Option<(u16, i16)>,
 }
 
-/// Speed of a clock that nobody leads, from two latches of receive times.
+/// Speed of a free-running clock, from two latches of receive times.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Speed {
     /// How much faster than the reference clock, parts per billion.
     pub ppb: i64,
-    /// How far off that may be: a tick at either end of either clock, parts per billion.
+    /// Bound of the error, parts per billion: a tick at either end of either clock.
     pub error_ppb: i64,
-    /// From one latch to the other, by the reference clock.
+    /// Time from one latch to the other, by the reference clock.
     pub window: Nanos,
 }
 
@@ -240,7 +246,7 @@ pub struct EscInformation {
 }
 
 impl EscInformation {
-    /// AL status mirrors AL control, there is no firmware that answers.
+    /// Whether AL status mirrors AL control, without firmware that answers.
     pub const fn device_emulation(&self) -> bool {
         self.configuration & 1 != 0
     }
@@ -250,7 +256,7 @@ impl EscInformation {
     }
 }
 
-/// Who a SubDevice is: SII words 0x08 to 0x0F.
+/// The identity of a SubDevice: SII words 0x08 to 0x0F.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Identity {
     /// Vendor id.
@@ -318,19 +324,20 @@ pub struct OperationMode {
 pub struct ProcessData {
     /// The PDOs assigned, with their mappings.
     pub pdos: Vec<Pdo>,
-    /// SyncManager that guards them, the first one of several; `None` without process data in this direction.
+    /// The SyncManager that guards them, the first of several; `None` without process data in this
+    /// direction.
     pub sync_manager: Option<u8>,
     /// First byte in the ESC's memory.
     pub start: u16,
-    /// Bytes in the process image, those of further SyncManagers included.
+    /// Bytes in the process image, including those of further SyncManagers.
     pub length: u16,
     /// First byte in the process image.
     pub logical: u32,
-    /// The SyncManagers behind the first one, in the order of the process image.
+    /// The SyncManagers after the first one, in the order of the process image.
     pub further: Vec<Guarded>,
 }
 
-/// What one SyncManager guards of the process data.
+/// The process data that one SyncManager guards.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Guarded {
     /// Its number.
@@ -339,12 +346,12 @@ pub struct Guarded {
     pub start: u16,
     /// Bytes.
     pub length: u16,
-    /// How many of the PDOs lie in it, in the order of [`ProcessData::pdos`].
+    /// Number of PDOs in it, in the order of [`ProcessData::pdos`].
     pub pdos: usize,
 }
 
 impl Segment {
-    /// The delay of a SubDevice; without one of its own, that of the next one upstream that has one.
+    /// The delay of a SubDevice; if it has none, that of the next SubDevice upstream that has one.
     pub(crate) fn delay(&self, position: usize) -> Nanos {
         let mut at = Some(position);
         while let Some(position) = at {
@@ -359,7 +366,8 @@ impl Segment {
 }
 
 impl ProcessData {
-    /// All SyncManagers of the direction, in the order of the process image; none without process data.
+    /// All SyncManagers of the direction, in the order of the process image; none without process
+    /// data.
     pub fn guarded(&self) -> impl Iterator<Item = Guarded> + '_ {
         let further: u16 = self.further.iter().map(|guarded| guarded.length).sum();
         let elsewhere: usize = self.further.iter().map(|guarded| guarded.pdos).sum();
@@ -416,36 +424,36 @@ pub struct PdoEntry {
     pub bits: u8,
 }
 
-/// The process image: which frame carries whose data.
+/// The process image: which frame carries which process data.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct ProcessImage {
-    /// Logical ranges, one to each datagram, none of which cuts a SubDevice.
+    /// Logical ranges, one for each datagram; no range divides a SubDevice.
     pub chunks: Vec<Chunk>,
-    /// Whether LRW may be used; else LWR and LRD (a SubDevice has feature bit 9 set).
+    /// Whether LRW may be used; otherwise LWR and LRD are (a SubDevice has feature bit 9 set).
     pub read_write: bool,
 }
 
-/// One logical range and what its datagrams must count.
+/// One logical range and the working counter of its datagrams.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Chunk {
-    /// Its datagrams travel in every so many bus cycles; 1 or more.
+    /// Its datagrams travel in every n-th bus cycle; 1 or more.
     pub every: u32,
     /// First logical byte.
     pub logical: u32,
     /// Bytes.
     pub length: u16,
-    /// Positions `first..end` have their data here, but those between them that are exchanged more or less often.
+    /// Positions `first..end` have their data here, except those between them with another `every`.
     pub first: usize,
-    /// Behind the last position.
+    /// The position after the last one.
     pub end: usize,
-    /// SubDevices with outputs in it.
+    /// Number of SubDevices with outputs in it.
     pub writers: u16,
-    /// SubDevices with inputs in it.
+    /// Number of SubDevices with inputs in it.
     pub readers: u16,
 }
 
 impl Chunk {
-    /// Whether the process data of this SubDevice lie here, if it has any.
+    /// Whether the process data of this SubDevice are here, if it has any.
     pub fn holds(&self, device: &SubDevice) -> bool {
         self.every == device.every && (self.first..self.end).contains(&device.position)
     }
@@ -469,7 +477,7 @@ pub struct SyncEntry {
     pub sub: u8,
     /// Its description and its name; `None` if the device gives no SDO information.
     pub description: Option<(EntryDescription, String)>,
-    /// Its bytes, or why they could not be read.
+    /// Its bytes, or why they cannot be read.
     pub value: Result<Vec<u8>, AbortCode>,
 }
 
@@ -484,7 +492,7 @@ impl SyncEntry {
         all[..bytes.len()].copy_from_slice(bytes);
         Some(u32::from_le_bytes(all))
     }
-    /// Name of the device, else that of ETG.1020.
+    /// The device's name of the entry, otherwise that of ETG.1020.
     pub fn name(&self) -> &str {
         match &self.description {
             Some((_, name)) if !name.is_empty() => name,
@@ -515,14 +523,14 @@ pub struct SyncSetting {
     pub sync1_cycle: Nanos,
     /// Register 0x0981.
     pub activation: u8,
-    /// Register 0x0990 read once the pulses ran: next pulse.
+    /// Register 0x0990 read when the pulses ran: next pulse.
     pub next: Time<Dc>,
-    /// Register 0x0998 read once the pulses ran: next SYNC1, if it is in use.
+    /// Register 0x0998 read when the pulses ran: next SYNC1, if it is used.
     pub next_sync1: Option<Time<Dc>>,
 }
 
 impl SubDevice {
-    /// `position`, still nothing known but its station address.
+    /// A SubDevice of which only position and station address are known.
     pub fn new(position: usize, station: StationAddress) -> Self {
         Self {
             position,
@@ -576,8 +584,8 @@ impl SubDevice {
         self.sii.header.protocols & sii::Header::SOE != 0 && self.has_mailbox()
     }
 
-    /// Whether it has a mailbox of any kind. Its areas say so: some devices name no protocol and still want the SyncManagers
-    /// of their mailbox switched on.
+    /// Whether it has a mailbox of any kind, by the areas in its SII: some devices name no protocol
+    /// but need the SyncManagers of their mailbox.
     pub fn has_mailbox(&self) -> bool {
         let header = &self.sii.header;
         header.receive.length > 0 && header.send.length > 0
@@ -585,7 +593,7 @@ impl SubDevice {
 }
 
 impl SubDevice {
-    /// How messages name it.
+    /// Its name in messages.
     pub fn place(&self) -> Place {
         Place { position: self.position, name: self.name.clone() }
     }

@@ -1,4 +1,4 @@
-//! Optional services: what a SubDevice need not have, and what the way up goes on by where it answers badly.
+//! Optional services of a SubDevice, and how bring-up continues if one is answered badly.
 
 use alloc::vec::Vec;
 
@@ -6,31 +6,34 @@ use crate::error::{Cause, MailboxError, SdoError, SoeError};
 use crate::segment::SubDevice;
 
 crate::kinds! {
-    /// An optional service, and what takes its place where a SubDevice answers it badly.
+    /// An optional service, and what replaces it if a SubDevice answers it badly.
     #[derive(Clone, Copy, PartialEq, Eq, Debug)]
     pub enum Service {
-        /// SDO information is answered badly. The entries of 0x1C32 and 0x1C33 that ETG.1020 knows are uploaded
-        /// one by one, and may be written as far as the SubDevice takes it.
+        /// SDO information is answered badly. The entries of 0x1C32 and 0x1C33 that ETG.1020
+        /// knows are uploaded one by one, and may be written as far as the SubDevice accepts it.
         SdoInformation = "sdo-information",
-        /// Object 0x1C00 is answered badly. The SII says what each SyncManager is for.
+        /// Object 0x1C00 is answered badly. The SII tells the use of each SyncManager.
         SyncManagerTypes = "sync-manager-types",
-        /// Object 0x1C12 or 0x1C13 is answered badly. The PDOs that the SII assigns are taken.
+        /// Object 0x1C12 or 0x1C13 is answered badly. The PDOs that the SII assigns are used.
         Assignment = "assignment",
-        /// The mapping of a PDO is answered badly. The entries of this PDO are taken from the SII.
+        /// The mapping of a PDO is answered badly. The entries of this PDO are taken from the
+        /// SII.
         Mapping = "mapping",
         /// An entry of 0x1C32 or 0x1C33 is answered badly. It counts as missing.
         SyncEntry = "sync-entry",
-        /// A write to 0x1C32 or 0x1C33 that the SubDevice may refuse is answered badly. It counts as refused.
+        /// A write to 0x1C32 or 0x1C33 that the SubDevice may refuse is answered badly. It counts
+        /// as refused.
         TypeWrite = "type-write",
-        /// 0x1C32 or 0x1C33 can't be read back in SAFEOP. What was written counts as taken.
+        /// 0x1C32 or 0x1C33 cannot be read back in SAFEOP. The written values count as accepted.
         TypeReadBack = "type-read-back",
-        /// A category of the SII can't be read. Those before it are taken, and the objects say the rest.
+        /// A category of the SII cannot be read. Those before it are used, and the objects provide
+        /// the rest.
         Categories = "categories",
     }
 }
 
 impl Service {
-    /// What is taken instead, as the end of a sentence.
+    /// The replacement, as the end of a sentence.
     pub const fn instead(self) -> &'static str {
         match self {
             Self::SdoInformation => "the entries that ETG.1020 knows are uploaded one by one",
@@ -45,19 +48,19 @@ impl Service {
     }
 }
 
-/// Its name.
+/// The name of the service.
 impl core::fmt::Display for Service {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.pad(self.name())
     }
 }
 
-/// A service that a SubDevice answered badly, and that it is run without.
+/// A service that a SubDevice answered badly, and without which it is used.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Substitute {
-    /// Which service.
+    /// The service.
     pub service: Service,
-    /// What the SubDevice answered, with its place and the object.
+    /// The SubDevice's answer, with its place and the object.
     pub cause: Cause,
 }
 
@@ -69,12 +72,13 @@ impl core::fmt::Display for Substitute {
 }
 
 impl SubDevice {
-    /// Notes that a service is done without. What the SubDevice has no part in is passed on: datagrams that are lost.
+    /// Notes that a service is not used. An error that is not the SubDevice's, a lost datagram, is
+    /// returned.
     pub(crate) fn do_without(&mut self, service: Service, cause: Cause) -> Result<(), Cause> {
         if is_of_the_wire(&cause) {
             return Err(cause);
         }
-        // Once for each object: a device that fails at one entry fails at many.
+        // It is noted once for each object: a device that fails at one entry fails at many.
         let known = |substitute: &Substitute| {
             substitute.service == service && index(&substitute.cause) == index(&cause)
         };
@@ -89,13 +93,13 @@ impl SubDevice {
         self.substitutes.iter().any(|substitute| substitute.service == service)
     }
 
-    /// The notes so far, taken away.
+    /// Takes the notes so far.
     pub(crate) fn take_substitutes(&mut self) -> Vec<Cause> {
         core::mem::take(&mut self.substitutes).into_iter().map(|one| one.cause).collect()
     }
 }
 
-/// Whether a service ended for want of a datagram.
+/// Whether a service failed because of a lost datagram.
 fn is_of_the_wire(cause: &Cause) -> bool {
     use MailboxError::Access;
     matches!(
@@ -107,7 +111,7 @@ fn is_of_the_wire(cause: &Cause) -> bool {
     )
 }
 
-/// Whether nothing came at all: each further try would take as long.
+/// Whether there was no answer at all, so that each further attempt would take as long.
 pub(crate) fn is_silence(cause: &Cause) -> bool {
     use MailboxError::{Full, NoAnswer};
     matches!(cause, Cause::Sdo { error: SdoError::Mailbox(NoAnswer { .. } | Full { .. }), .. })

@@ -31,9 +31,9 @@ pub(crate) async fn read(
     take_over(link, config, device).await
 }
 
-/// Reads the SII of all that take part. Of those that are alike from the start the first two are read to their end; if
-/// these agree, the others take the rest from the first. One that lies is alone with what it says, so it is no other's
-/// source.
+/// Reads the SII of all SubDevices that take part. Of SIIs that begin alike, the first two are read
+/// to their end; if these agree, the others take the rest from the first. A SII with a wrong
+/// content then does not agree with the second, so it is not copied.
 pub(crate) async fn read_all(
     link: &Link,
     config: &Config,
@@ -95,7 +95,7 @@ pub(crate) async fn read_all(
     Ok(failures)
 }
 
-/// Positions of SIIs that are alike from the start, ascending in each group.
+/// Positions of SIIs that begin alike, ascending in each group.
 fn kinds(starts: &[Option<Start>]) -> Vec<Vec<usize>> {
     let mut kinds: Vec<Vec<usize>> = Vec::new();
     for (position, start) in starts.iter().enumerate() {
@@ -111,7 +111,7 @@ fn kinds(starts: &[Option<Start>]) -> Vec<Vec<usize>> {
     kinds
 }
 
-/// Reads the rest of the SIIs at some positions, side by side.
+/// Reads the rest of the SIIs at some positions, concurrently.
 async fn read_rests(
     link: &Link,
     config: &Config,
@@ -134,7 +134,7 @@ async fn read_rests(
     left_out::each_of(config, positions, all).await
 }
 
-/// Whether two SIIs that were read to their end say the same, but for alias and serial number.
+/// Whether two completely read SIIs agree, except for alias and serial number.
 fn agree(one: &SubDevice, other: &SubDevice) -> bool {
     let mut sii = one.sii.clone();
     let own = &other.sii.header;
@@ -142,7 +142,7 @@ fn agree(one: &SubDevice, other: &SubDevice) -> bool {
     sii == other.sii && one.substitutes.len() == other.substitutes.len()
 }
 
-/// Reads what no two SubDevices share, and what tells whether they share the rest.
+/// Reads the words that differ between SubDevices, and those that tell whether the rest is equal.
 pub(crate) async fn read_start(
     link: &Link,
     config: &Config,
@@ -160,7 +160,7 @@ pub(crate) async fn read_start(
     }
 }
 
-/// Reads what stands behind the start: the other words of the header, and the categories.
+/// Reads the rest: the other words of the header, and the categories.
 pub(crate) async fn read_rest(
     link: &Link,
     config: &Config,
@@ -194,7 +194,7 @@ pub(crate) fn share_rest(device: &mut SubDevice, start: &Start, of: &SubDevice) 
     }
 }
 
-/// Takes what was read for who it is, and hands the EEPROM over to its firmware.
+/// Takes over the identity that was read, and gives the EEPROM to its firmware.
 pub(crate) async fn take_over(
     link: &Link,
     config: &Config,
@@ -223,7 +223,7 @@ pub(crate) async fn take_over(
     Ok(())
 }
 
-/// Reads who a SubDevice is, and nothing else.
+/// Reads only the identity of a SubDevice.
 pub(crate) async fn identity(
     link: &Link,
     config: &Config,
@@ -248,7 +248,8 @@ impl Identity {
 }
 
 impl Sii {
-    /// Takes the data of a category; those without use here, and those that name strings, are left out.
+    /// Takes the data of a category. Unused categories, and those with names of strings, are left
+    /// out.
     pub fn take(&mut self, kind: u16, data: &[u8]) {
         match kind {
             category::FMMU => self.fmmus = data.to_vec(),
@@ -268,7 +269,7 @@ impl Sii {
     }
 }
 
-/// What was read of one SII before it is known whether the rest is that of another.
+/// The start of a SII, read before it is known whether the rest equals that of another.
 #[derive(Clone, Default)]
 pub(crate) struct Start {
     /// Words 0 to 0x0F.
@@ -278,8 +279,9 @@ pub(crate) struct Start {
 }
 
 impl Start {
-    /// Whether two SII are taken to be the same but for alias and serial number: configuration, identity, size and the
-    /// head of the first category agree, and the checksum where it covers the same.
+    /// Whether two SIIs count as equal except for alias and serial number: configuration, identity,
+    /// size and the head of the first category agree, and also the checksum if the aliases are
+    /// equal, since it covers the alias.
     pub fn is_like(&self, other: &Self) -> bool {
         let word =
             |image: &Self, at: usize| image.image.get(2 * at..2 * at + 2).map(<[u8]>::to_vec);
@@ -335,7 +337,7 @@ impl<'a> Reader<'a> {
         Self { link, station, patience, begin: link.now(), image: Vec::new() }
     }
 
-    /// The header, of which the start is there.
+    /// Reads the header, whose start is already read.
     async fn header(&mut self) -> Result<Sii, Failure> {
         // Words 0x1D to 0x3D are reserved and need not be read.
         let mailbox = usize::from(word::MAILBOX_PROTOCOLS) + 1;
@@ -344,7 +346,7 @@ impl<'a> Reader<'a> {
         Ok(Sii { header: Header::parse(&self.image).unwrap_or_default(), ..Sii::default() })
     }
 
-    /// Puts the categories into `sii`, as far as they can be read.
+    /// Reads the categories into `sii`, as far as they can be read.
     async fn categories(&mut self, sii: &mut Sii) -> Result<(), Failure> {
         let (mut strings, mut names) = (Vec::new(), (0, 0));
         let result = self.each_category(sii, &mut strings, &mut names).await;
@@ -392,7 +394,8 @@ impl<'a> Reader<'a> {
         Err(Failure::Problem(SiiProblem::NoEnd))
     }
 
-    /// `count` words from word `first` on. What one access gives beyond them is kept for the next.
+    /// Reads `count` words from word `first` on. Further words of an access are kept for the next
+    /// call.
     async fn words(&mut self, first: usize, count: usize) -> Result<Vec<u8>, Failure> {
         let mut bytes = Vec::with_capacity(2 * count + 8);
         while bytes.len() < 2 * count {
@@ -408,7 +411,7 @@ impl<'a> Reader<'a> {
         Ok(bytes)
     }
 
-    /// One access: the 4 or 8 bytes at a word.
+    /// Makes one access: the 4 or 8 bytes at a word.
     async fn access(&mut self, word: usize) -> Result<Vec<u8>, Failure> {
         let after = self.link.now() - self.begin;
         if after.0 > self.patience.0.saturating_mul(MOST_PATIENCES) {
@@ -445,7 +448,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// PDOs of a category, each head with its entries; what is cut off at the end is dropped.
+/// PDOs of a category, each head with its entries; an incomplete PDO at the end is dropped.
 fn pdos(data: &[u8]) -> Vec<SiiPdo> {
     let mut pdos = Vec::new();
     let mut records = data.chunks_exact(PdoRecord::LEN).filter_map(|r| r.first_chunk());
@@ -482,7 +485,7 @@ pub(crate) fn mailbox_areas(header: &Header) -> (MailboxArea, MailboxArea) {
     (header.receive, header.send)
 }
 
-/// Categories that are read; the others are only stepped over.
+/// Categories that are read; the others are skipped.
 const USED: [u16; 7] = [
     category::STRINGS,
     category::GENERAL,
@@ -492,7 +495,7 @@ const USED: [u16; 7] = [
     category::RX_PDO,
     category::DC,
 ];
-/// Lengths of a mailbox that a datagram can carry and that holds an SDO.
+/// Possible lengths of a mailbox: at least an SDO, at most a datagram.
 const MAILBOX_LENGTHS: core::ops::RangeInclusive<u16> = 16..=1486;
 /// Words that are read of each SII: configuration, alias, checksum, identity.
 const START_WORDS: usize = 0x10;
@@ -506,14 +509,15 @@ const OPERATION_MODE_LEN: usize = 24;
 /// Status, address, eight bytes of data.
 const ACCESS_LEN: usize = 14;
 /// Words of the largest EEPROM that two address bytes reach; an image without an end mark is read
-/// no further.
+/// up to here.
 const MOST_WORDS: usize = 0x1_0000;
-/// Categories of an image at most: it is years' worth of standards to have a dozen, and empty ones could be had by the thousand.
+/// Most categories of an image. A standard image has about a dozen, but an image could hold
+/// thousands of empty ones.
 const MOST_CATEGORIES: usize = 256;
-/// The time for a whole image, in times of what a single access may take. A large image of an honest EEPROM takes 10 s, and some times as
-/// long where a thousand SubDevices are read side by side.
+/// Most time for a whole image, as a multiple of the timeout of a single access. A large image
+/// takes 10 s, and some times as long if a thousand SubDevices are read concurrently.
 const MOST_PATIENCES: i64 = 600;
 /// An EEPROM needs some hundred microseconds for a read.
 const POLL: Nanos = Nanos(100_000);
-/// Before another try after a missing acknowledge.
+/// Pause before another attempt after a missing acknowledge.
 const RETRY: Nanos = Nanos(1_000_000);

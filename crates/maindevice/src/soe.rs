@@ -1,4 +1,4 @@
-//! SoE: what the configuration wants written to the drives of a SubDevice in PREOP.
+//! SoE: writes the configured parameters to the drives of a SubDevice in PREOP.
 
 use alloc::vec::Vec;
 
@@ -10,7 +10,7 @@ use crate::error::{Cause, MailboxError, SoeError};
 use crate::mailbox::Mailbox;
 use crate::segment::SubDevice;
 
-/// Writes what the user wants written in PREOP, in order.
+/// Writes the configured parameters in PREOP, in order.
 pub(crate) async fn start_up(
     mailbox: Option<&mut Mailbox>,
     device: &SubDevice,
@@ -29,7 +29,8 @@ pub(crate) async fn start_up(
     Ok(())
 }
 
-/// Writes the value of an IDN, in fragments if it is longer than the mailbox. The device answers the last one.
+/// Writes the value of an IDN, in fragments if it is longer than the mailbox. The device answers
+/// the last one.
 pub(crate) async fn write(
     mailbox: &mut Mailbox,
     drive: u8,
@@ -51,7 +52,8 @@ pub(crate) async fn write(
     };
     let fragments: Vec<Vec<u8>> = (0..count).map(fragment).collect();
     let fragments: Vec<&[u8]> = fragments.iter().map(Vec::as_slice).collect();
-    // A late answer about another IDN, given up earlier, is not the answer to this one.
+    // A late answer about another IDN, whose service was given up, must not count as the answer to
+    // this one.
     let is_answer = |answer: &[u8]| {
         let head = answer.first_chunk().map(Header::parse);
         head.is_some_and(|head| {

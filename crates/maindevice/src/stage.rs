@@ -1,8 +1,8 @@
-//! The stages of the way up and down.
+//! The stages of bring-up and shutdown.
 
 use core::fmt;
 
-/// The steps of the way up, in their order.
+/// The stages of bring-up and shutdown, in their order.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Stage {
     /// Reset, count, addresses, topology.
@@ -21,7 +21,7 @@ pub enum Stage {
     Clock,
     /// Budget of one cycle.
     Plan,
-    /// The host's clock onto the reference clock.
+    /// Locking the host's clock onto the reference clock.
     Phase,
     /// SYNC units programmed, 0x1C32:01 and 0x1C33:01 written.
     Sync,

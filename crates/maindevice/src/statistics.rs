@@ -2,34 +2,35 @@
 
 use isocat_wire::time::Nanos;
 
-/// What was sent, came back, or did not, and how well the host kept its phase.
+/// Counts of frames, datagrams and cycles, and the phase errors of the host.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Statistics {
     /// Frames sent.
     pub frames_sent: u64,
     /// Frames that came back and were ours.
     pub frames_received: u64,
-    /// Frames that were given up and have not come back. A frame is lost or late, never both: one that
-    /// comes back behind its time leaves this count for [`Self::frames_late`]. So this may fall;
-    /// [`Self::frames_missed`] never does.
+    /// Frames that were given up and have not come back. A frame is lost or late, never both: a
+    /// frame that comes back after its timeout moves to [`Self::frames_late`]. So this count may
+    /// decrease; [`Self::frames_missed`] never does.
     pub frames_lost: u64,
-    /// Frames that came back when they had been given up.
+    /// Frames that came back after they had been given up.
     pub frames_late: u64,
-    /// Frames of ours that came in and that nobody waits for, for another reason: a second time, damaged
-    /// so that they are no answer to what was sent, or so late that their index was in use again.
+    /// Frames of ours that came in unexpectedly for another reason: a second time, damaged so that
+    /// they do not match what was sent, or so late that their index was in use again.
     pub frames_unexpected: u64,
-    /// Frames of ours that came in as they had left, no ESC having touched them (working counters 0, positions as
-    /// sent): the interface shows what it sends, or a loop-back. Seen only if [`Config::source`] has bit 1 of its
-    /// first octet clear.
+    /// Frames of ours that came in unchanged, without processing by an ESC (working counters 0,
+    /// positions as sent): the interface shows the frames it sends, or there is a loop-back. Only
+    /// detected if [`Config::source`] has bit 1 of its first octet clear.
     ///
     /// [`Config::source`]: crate::Config::source
     pub frames_echoed: u64,
-    /// Copies of frames that did not come back in a ring ([`Config::ring`](crate::Config::ring)), of both ports.
+    /// Copies of frames that did not come back in a ring ([`Config::ring`](crate::Config::ring)),
+    /// of both ports.
     pub copies_lost: u64,
     /// EtherCAT frames of another source: another MainDevice sends on this wire.
     pub frames_foreign: u64,
-    /// Source address of the last of these. The first ESC that a frame passes sets bit 1 of the first
-    /// octet.
+    /// Source address of the last foreign frame. The first ESC that a frame passes sets bit 1 of
+    /// the first octet.
     pub foreign_source: Option<[u8; 6]>,
     /// Frames that are not EtherCAT.
     pub frames_other: u64,
@@ -39,7 +40,7 @@ pub struct Statistics {
     pub bring_up_frames: u64,
     /// Drift frames (FRMW of 0x0910) sent at start and in the cycle.
     pub drift_frames: u64,
-    /// Of these, sent before the clocks had converged.
+    /// Drift frames that were sent before the clocks had converged.
     pub drift_burst: u64,
     /// Latches of the receive times (0x0900), from which delays are measured.
     pub delay_latches: u64,
@@ -48,7 +49,7 @@ pub struct Statistics {
     pub delay_latches_lost: u64,
     /// Cycles begun.
     pub cycles: u64,
-    /// Send instants that the caller let pass.
+    /// Send instants that the caller missed.
     pub cycles_skipped: u64,
     /// Cyclic datagrams with a wrong working counter: process data and drift.
     pub working_counter_errors: u64,
@@ -57,13 +58,13 @@ pub struct Statistics {
     pub time_to_converged: Option<Nanos>,
     /// Host time from the first frame until all SubDevices were in OP; `None` before.
     pub time_to_operation: Option<Nanos>,
-    /// Phase at which frames of the cycle found the reference clock, less the phase planned;
+    /// Phase at which frames of the cycle found the reference clock, less the planned phase;
     /// counted while all SubDevices are to be in OP.
     pub phase_error: Summary,
 }
 
 impl Statistics {
-    /// Frames that did not come back in time: those that are lost and those that came late. It never falls.
+    /// Frames that did not come back in time, lost or late. It never decreases.
     pub fn frames_missed(&self) -> u64 {
         self.frames_lost + self.frames_late
     }

@@ -1,9 +1,10 @@
-//! The survey: what there is to know about a segment before any cycle, without giving up at the first SubDevice that
-//! contradicts itself.
+//! The survey: reads a segment up to PREOP, and continues past SubDevices that contradict
+//! themselves.
 //!
-//! It takes the parts of the way up as far as PREOP and the clocks. What fails at one SubDevice is noted
-//! ([`Segment::problems`]) and ends the way up of that one alone; only a wire without a count ends the survey.
-//! Nothing is written to objects, EEPROM or process data registers.
+//! It uses the parts of the bring-up as far as PREOP and the clocks. An error at one SubDevice is
+//! noted ([`Segment::problems`]) and ends the survey of that SubDevice only; the whole survey ends
+//! only if the SubDevices cannot be counted. Nothing is written to objects, EEPROM or process data
+//! registers.
 
 use alloc::boxed::Box;
 use alloc::vec;
@@ -21,7 +22,7 @@ use crate::link::{Link, Procedure};
 use crate::segment::{Segment, SubDevice};
 use crate::{clock, esm, hot_connect, mapping, objects, scan, sii};
 
-/// From the scan to converged clocks.
+/// The survey from the scan to converged clocks.
 pub(crate) async fn survey(mut work: Work) -> End {
     let result = look(&mut work).await;
     work.end(result)
@@ -83,7 +84,7 @@ async fn look(work: &mut Work) -> Result<(), Cause> {
     Ok(())
 }
 
-/// AL status as it is before anything is written. A frame that is lost tells nothing and costs nothing.
+/// Reads AL status before anything is written. A lost frame leaves it unknown.
 async fn read_states(link: &Link, segment: &mut Segment) {
     let address = register::AL_STATUS.address;
     let reads: Vec<_> = segment
@@ -97,7 +98,7 @@ async fn read_states(link: &Link, segment: &mut Segment) {
     }
 }
 
-/// What an ESC says of itself, then INIT.
+/// Reads the ESC information, then goes to INIT.
 async fn describe(link: &Link, config: &Config, device: &mut SubDevice) -> Result<(), Cause> {
     scan::describe(link, device).await?;
     let station = device.station;
@@ -107,7 +108,7 @@ async fn describe(link: &Link, config: &Config, device: &mut SubDevice) -> Resul
     esm::change(link, device, AlState::Init, config.timeouts.init).await
 }
 
-/// Process data and sync objects: of the device itself where it is asked, else of its SII.
+/// Reads process data and sync objects from the device if it is asked, otherwise from its SII.
 async fn read_objects(work: &mut Work) {
     let devices = work.segment.devices.iter_mut().zip(&mut work.mailboxes);
     let there = devices.filter(|(device, _)| device.admitted);
@@ -132,7 +133,7 @@ async fn read_objects(work: &mut Work) {
 
 type Never = core::convert::Infallible;
 
-/// Registers 0x0930 and 0x0932.
+/// Reads registers 0x0930 and 0x0932.
 async fn correction(link: &Link, device: &SubDevice) -> Option<(u16, i16)> {
     let bytes = link.fprd(device.station, register::SPEED_COUNTER_START.address, 4);
     let bytes: [u8; 4] = *bytes.expect(1).await.ok()?.data.first_chunk()?;
@@ -141,7 +142,8 @@ async fn correction(link: &Link, device: &SubDevice) -> Option<(u16, i16)> {
     Some((start.decode(&[a, b]), i16::from_bytes([c, d])))
 }
 
-/// Does the same at all SubDevices that are still good, side by side; those that fail are so no more.
+/// Runs the same procedure at all SubDevices that have not failed, concurrently, and notes new
+/// failures.
 async fn each<'a>(
     work: &'a mut Work,
     good: &mut [bool],

@@ -1,5 +1,4 @@
-//! Synchronization at the devices: sync types written and read back, SYNC0 programmed and seen to
-//! run.
+//! Synchronization at the devices: writes and verifies sync types, programs and verifies SYNC0.
 
 use alloc::vec::Vec;
 
@@ -23,8 +22,8 @@ use crate::segment::{DcCapability, Segment, SubDevice, SyncObject, SyncSetting};
 use crate::service::Service;
 
 /// Writes the type of synchronization (01), the cycle time (02) and the shift time (03) of both
-/// sync objects, in PREOP, where the device lets itself be told. A refused type is no error yet:
-/// many stacks take it from the SYNC unit on the way to SAFEOP, where [`verify_types`] looks.
+/// sync objects, in PREOP, if the device allows it. A refused type is no error yet: many stacks
+/// take it from the SYNC unit on the way to SAFEOP, where [`verify_types`] checks it.
 pub(crate) async fn write_types(
     mailbox: &mut Mailbox,
     device: &mut SubDevice,
@@ -50,11 +49,11 @@ pub(crate) struct TypeWrite {
     pub object: ObjectAddress,
     /// Its value, little-endian.
     pub data: Vec<u8>,
-    /// It must be taken as it is, and is read back; else it may be refused.
+    /// Whether the value must be accepted unchanged and is read back; otherwise it may be refused.
     pub checked: bool,
 }
 
-/// What is written to the sync objects, in order.
+/// The writes to the sync objects, in order.
 pub(crate) fn type_writes(
     device: &SubDevice,
     config: &Config,
@@ -67,8 +66,8 @@ pub(crate) fn type_writes(
         let mut write = |sub, data: &[u8], checked| {
             writes.push(TypeWrite { object: at(sub), data: data.to_vec(), checked });
         };
-        // Also where it reads so already: a stack may show the type of its last operation and, told nothing in this one,
-        // choose another.
+        // It is written even if the device already shows this value: a stack may show the type of
+        // its last operation but choose another one if it gets no write.
         if writable(object, sub::SYNC_TYPE) {
             write(sub::SYNC_TYPE, &direction.kind.to_le_bytes(), false);
         }
@@ -88,8 +87,8 @@ pub(crate) fn type_writes(
     writes
 }
 
-/// Reads the type of synchronization back in SAFEOP, where it must be the one that the mode has,
-/// and takes over what else the device now shows.
+/// Reads the type of synchronization back in SAFEOP, where it must be that of the mode, and takes
+/// over the other values that the device now shows.
 pub(crate) async fn verify_types(
     mailbox: &mut Mailbox,
     device: &mut SubDevice,
@@ -119,7 +118,7 @@ pub(crate) async fn verify_types(
                     object.values.set(sub, found);
                 }
             }
-            // A device in Free Run may show whatever it likes: nothing is synchronized to it.
+            // A device in Free Run may show any type: it is not synchronized.
             let wrong = found.filter(|found| *found != u32::from(kind));
             if let (sub::SYNC_TYPE, Some(found), true) =
                 (sub, wrong, device.mode != SyncMode::FreeRun)
@@ -133,7 +132,7 @@ pub(crate) async fn verify_types(
     Ok(())
 }
 
-/// One direction's sync object and what is wanted of it.
+/// One direction's sync object and the configured values.
 struct Direction<'a> {
     index: u16,
     object: Option<&'a SyncObject>,
@@ -141,7 +140,7 @@ struct Direction<'a> {
     shift: Option<Nanos>,
 }
 
-/// The directions that carry process data.
+/// The directions with process data.
 fn directions<'a>(device: &'a SubDevice, wish: Option<&DeviceConfig>) -> Vec<Direction<'a>> {
     let has_outputs = device.outputs.length > 0;
     let outputs = Direction {
@@ -166,7 +165,7 @@ fn directions<'a>(device: &'a SubDevice, wish: Option<&DeviceConfig>) -> Vec<Dir
     all
 }
 
-/// Whether an entry may be written in PREOP, by its description; without one it is worth a try.
+/// Whether an entry may be written in PREOP, by its description; without a description it is tried.
 pub(crate) fn writable(object: &SyncObject, sub: u8) -> bool {
     object.entry(sub).is_some_and(|entry| {
         entry
@@ -203,23 +202,24 @@ async fn expect_value(
     }
 }
 
-/// The grid of all SYNC units: its period holds whole cycles of the bus and of each SubDevice's pulses, so that
-/// pulses of equal cycle fall together however often one falls out of step with the bus. `None` where cycles do not
-/// meet within what a 32-bit clock can wait for.
+/// The common grid of all SYNC units. Its period holds whole cycles of the bus and of each
+/// SubDevice's pulses, so that pulses of equal cycle coincide even if they do not coincide with
+/// each bus cycle. `None` if the cycles do not meet within the range of a 32-bit clock.
 pub(crate) fn grid(segment: &Segment, cycle: Nanos) -> Option<Grid> {
     let synced = segment.devices.iter().filter(|device| device.mode.uses_dc());
     let periods = synced.map(|device| device.pulses.sync1_cycle());
     Grid::of(periods.chain([cycle])).ok()
 }
 
-/// The grid of one SubDevice alone. Its points are those of all SubDevices of the same cycle, and its pulses come in the
-/// bus cycles in which its process data travel.
+/// The grid of one SubDevice. Its points are those of all SubDevices of the same cycle, and its
+/// pulses come in the bus cycles with its process data.
 pub(crate) fn own_grid(device: &SubDevice, cycle: Nanos) -> Grid {
     let bus = || Grid::of([cycle]).expect("the cycle was checked: above 0, below 2^31 ns");
     Grid::of([device.pulses.sync1_cycle(), cycle]).unwrap_or_else(|_| bus())
 }
 
-/// System time of the reference clock, in 64 bits; the upper half of a 32-bit clock is 0 here.
+/// Reads the system time of the reference clock, in 64 bits; the upper half of a 32-bit clock is 0
+/// here.
 pub(crate) async fn system_time(
     link: &Link,
     station: StationAddress,
@@ -227,8 +227,8 @@ pub(crate) async fn system_time(
     Ok(Time::new(link.read(station, register::SYSTEM_TIME).await?))
 }
 
-/// System time of a reference clock that the cycle reads as well: in 64 bits, also of a 32-bit clock, which is
-/// extended as the cycle does it.
+/// Reads the system time of a reference clock that the cycle also reads, in 64 bits. The time of a
+/// 32-bit clock is extended as in the cycle.
 pub(crate) async fn reference_now(
     link: &Link,
     reference: &SubDevice,
@@ -241,21 +241,20 @@ pub(crate) async fn reference_now(
     })
 }
 
-/// Programs the SYNC unit: off, owner, cycles, start time, on. Cycles are one write of eight bytes,
-/// each step takes effect before the next. `acting`: a point of the acting pulses' grid.
+/// Programs the SYNC unit: off, owner, cycles, start time, on. The cycles are one write of eight
+/// bytes, and each step takes effect before the next. `acting`: a point of the acting pulses' grid.
 pub(crate) async fn program(
     link: &Link,
     device: &mut SubDevice,
     acting: Time<Dc>,
 ) -> Result<(), Cause> {
     let pulses = device.pulses;
-    // SYNC0 comes first, and never earlier than the lead that all others have.
+    // SYNC0 comes first, but never earlier than the common lead time of all devices.
     let ahead = (pulses.lead.0 + pulses.sync1_cycle().0 - 1) / pulses.sync1_cycle().0.max(1);
     let start = acting + Nanos(ahead * pulses.sync1_cycle().0 - pulses.lead.0);
     let station = device.station;
     link.write(station, register::SYNC_ACTIVATION, SyncActivation(0)).await?;
-    // Written only if it is not as it must be: devices are known that take offence at the mere
-    // write.
+    // It is only written if it must change: some devices react badly to the mere write.
     let owner = link.read(station, register::CYCLIC_UNIT_CONTROL).await?;
     if owner & SYNC_OWNED_BY_PDI != 0 {
         let control = owner & !SYNC_OWNED_BY_PDI;
@@ -276,8 +275,8 @@ pub(crate) async fn program(
     Ok(())
 }
 
-/// Writes owners and SYNC unit of a SubDevice whose mode needs no pulses, if its configuration has
-/// them: a unit that is on without a pulse gives time stamps to the latch units.
+/// Writes owners and SYNC unit of a SubDevice whose mode needs no pulses, if it is configured: an
+/// active unit without pulses lets the latch units stamp edges.
 pub(crate) async fn program_unit(link: &Link, device: &SubDevice) -> Result<(), Cause> {
     if let Some((register, data)) = unit_without_pulses(device) {
         link.fpwr(device.station, register, &data).expect(1).await?;
@@ -285,13 +284,13 @@ pub(crate) async fn program_unit(link: &Link, device: &SubDevice) -> Result<(), 
     Ok(())
 }
 
-/// What [`program_unit`] writes: the register's address and the bytes.
+/// The write of [`program_unit`]: the register's address and the bytes.
 pub(crate) fn unit_without_pulses(device: &SubDevice) -> Option<(u16, Vec<u8>)> {
     let word = device.unit.filter(|word| *word != AssignActivate::OFF && !device.mode.uses_dc())?;
     device.dc.has_clock().then(|| (register::CYCLIC_UNIT_CONTROL.address, word.to_bytes().to_vec()))
 }
 
-/// Registers 0x09A0 and 0x09A4.
+/// The content of registers 0x09A0 and 0x09A4.
 pub(crate) fn cycles(device: &SubDevice) -> [u8; 8] {
     let pulses = &device.pulses;
     let mut cycles = [0; 8];
@@ -300,8 +299,8 @@ pub(crate) fn cycles(device: &SubDevice) -> [u8; 8] {
     cycles
 }
 
-/// What switches the pulses on: the register's address and the bytes. The owners in 0x0980 are
-/// written with it where the configuration has them.
+/// The write that activates the pulses: the register's address and the bytes. It includes the
+/// owners in 0x0980 if they are configured.
 pub(crate) fn activation(device: &SubDevice) -> (u16, Vec<u8>) {
     match device.unit {
         Some(word) => (register::CYCLIC_UNIT_CONTROL.address, word.to_bytes().to_vec()),
@@ -309,7 +308,7 @@ pub(crate) fn activation(device: &SubDevice) -> (u16, Vec<u8>) {
     }
 }
 
-/// The word of a configuration as it suits a mode: what [`DeviceConfig::unit`] says of it.
+/// The configured word, adapted to a mode as [`DeviceConfig::unit`] describes.
 pub(crate) fn unit(mode: SyncMode, word: AssignActivate) -> AssignActivate {
     let [mut control, mut activation] = word.0.to_le_bytes();
     if mode.uses_dc() {
@@ -321,14 +320,15 @@ pub(crate) fn unit(mode: SyncMode, word: AssignActivate) -> AssignActivate {
     AssignActivate(u16::from_le_bytes([control, activation]))
 }
 
-/// Register 0x0981 of a mode with DC.
+/// Register 0x0981 for a mode with DC.
 fn pulses(mode: SyncMode) -> u8 {
     let sync1 = if mode.uses_sync1() { SyncActivation::SYNC1 } else { 0 };
     SyncActivation::ACTIVE | SyncActivation::SYNC0 | sync1
 }
 
-/// Sees that SYNC0 runs, and SYNC1 if it is in use: no first pulse pending (0x0984, where it exists), and
-/// the next pulse (0x0990, 0x0998) lies within one cycle from now (0x0910) and on the grid.
+/// Verifies that SYNC0 runs, and SYNC1 if it is used: no first pulse is pending (0x0984, if it
+/// exists), and the next pulse (0x0990, 0x0998) is within one cycle from now (0x0910) and on the
+/// grid.
 pub(crate) async fn verify(link: &Link, device: &mut SubDevice) -> Result<(), Cause> {
     let Some(mut setting) = device.sync else { return Ok(()) };
     let station = device.station;
@@ -336,8 +336,8 @@ pub(crate) async fn verify(link: &Link, device: &mut SubDevice) -> Result<(), Ca
     let mut tries = VERIFY_TRIES;
     loop {
         tries -= 1;
-        // Queued together, so of one frame as a rule; a pulse in between is what a further try is
-        // for.
+        // They are queued together, so they usually share a frame. If a pulse falls in between,
+        // another attempt is made.
         let now = link.fprd(station, register::SYSTEM_TIME.address, 8);
         let next = link.fprd(station, register::SYNC_START_TIME.address, 16);
         let activation = link.fprd(station, register::SYNC_ACTIVATION.address, 1);
@@ -356,7 +356,7 @@ pub(crate) async fn verify(link: &Link, device: &mut SubDevice) -> Result<(), Ca
             _ => extend(time.count() as u32, setting.start),
         };
         let (now, next, next_sync1) = (wide(now), wide(next), wide(next_sync1));
-        // ECAT reads the time less the delay (0x0928); pulses are made by the time without it.
+        // ECAT reads the time less the delay (0x0928), but pulses are made by the time without it.
         let now = now + device.delay.unwrap_or(Nanos::ZERO);
         setting.next = next;
         setting.next_sync1 = device.mode.uses_sync1().then_some(next_sync1);
@@ -397,7 +397,7 @@ fn runs(
     activation & on == on && !pending && on_grid && ahead.0 > 0 && ahead <= cycle
 }
 
-/// The same for SYNC1, if it is in use.
+/// The same for SYNC1, if it is used.
 fn sync1_runs(
     setting: &SyncSetting,
     cycle: Nanos,
@@ -418,9 +418,9 @@ fn time(bytes: &[u8]) -> Time<Dc> {
 
 /// Register 0x0980 bit 0.
 const SYNC_OWNED_BY_PDI: u8 = 1;
-/// A pulse may fall between the two readings once, not three times.
+/// Number of attempts: a pulse may fall between the two readings once, not three times.
 const VERIFY_TRIES: u8 = 3;
-/// Times the tries left, so that pauses do not beat with the cycle.
+/// Pause, multiplied by the attempts left, so that it does not beat with the cycle.
 const VERIFY_PAUSE: Nanos = Nanos(130_000);
 
 #[cfg(test)]
@@ -444,7 +444,7 @@ mod tests {
         assert_eq!(grid(&segment, bus).unwrap().period(), bus);
         segment.devices.push(device(0, SyncMode::DcSubordinated, 250_000, 750_000));
         assert_eq!(grid(&segment, bus).unwrap().period(), bus);
-        // SYNC1 every 2 ms and every 3 ms.
+        // SYNC1 has periods of 2 ms and 3 ms.
         segment.devices.push(device(1, SyncMode::DcSync1, 1_000_000, 1_500_000));
         assert_eq!(grid(&segment, bus).unwrap().period(), Nanos(2_000_000));
         segment.devices.push(device(2, SyncMode::DcSync1, 1_000_000, 2_500_000));
@@ -477,7 +477,7 @@ mod tests {
         assert!(!check(3, None, 6_000_000, 6_999_999), "off the grid");
         assert!(!check(2, None, 6_000_000, 7_000_000), "unit off");
         assert!(!check(3, Some(ActivationStatus(1)), 6_000_000, 7_000_000), "pending");
-        // Start in the past: the next pulse comes when the counter wraps.
+        // The start was in the past: the next pulse comes when the counter wraps.
         assert!(!check(3, None, 6_000_000, 5_000_000));
     }
 }

@@ -1,5 +1,5 @@
-//! A small segment that answers like ESCs do where the tests look, and tests of the machine's parts
-//! on it.
+//! A small segment that answers like ESCs as far as the tests need it, and tests of the machine's
+//! parts with it.
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
@@ -29,14 +29,14 @@ mod groups;
 mod mailbox;
 mod times;
 
-/// Memory of one ESC, and the little it does by itself.
+/// Memory of one ESC, and its few actions.
 pub(crate) struct FakeEsc {
     pub memory: Vec<u8>,
-    /// AL control is copied to AL status after so many reads of AL status; `None`: never.
+    /// Number of reads of AL status before AL control is copied to it; `None`: never.
     pub follows_after: Option<u32>,
     /// Refuses states above this one with a code.
     pub refuses: Option<(AlState, AlStatusCode)>,
-    /// Next writes of AL control that count 0.
+    /// Number of the next writes of AL control that count 0.
     pub locked: u32,
     asked: Option<u8>,
     pub mailbox: Option<mailbox::FakeMailbox>,
@@ -57,7 +57,7 @@ impl FakeEsc {
         }
     }
 
-    /// Reads unless a mailbox that lies there is empty.
+    /// Reads, except from an empty mailbox.
     fn read(&mut self, at: usize, data: &mut [u8]) -> bool {
         if let Some(mailbox) = &mut self.mailbox
             && let Some(done) = mailbox.read(at, data)
@@ -182,16 +182,16 @@ fn logical(esc: &mut FakeEsc, address: u32, data: &mut [u8]) -> u16 {
     count
 }
 
-/// A link, its segment, and a host clock of its own.
+/// A link, its segment, and a separate host clock.
 pub(crate) struct Bench {
     pub link: Link,
     pub segment: FakeSegment,
     pub now: Time<Host>,
-    /// Frames to lose, by number of the frame sent.
+    /// Numbers of the sent frames to lose.
     pub lose: Vec<u64>,
     /// Frames to lose on their way back.
     pub lose_back: Vec<u64>,
-    /// Datagrams in each frame that was sent.
+    /// Number of datagrams in each frame that was sent.
     pub frames: Vec<usize>,
 }
 
@@ -208,7 +208,7 @@ impl Bench {
         }
     }
 
-    /// Runs a procedure to its end, frames coming back 10 us after they were sent.
+    /// Runs a procedure to its end; frames come back 10 us after they were sent.
     pub fn run<T>(&mut self, procedure: impl Future<Output = T>) -> T {
         let mut procedure = Box::pin(procedure);
         for _ in 0..100_000 {
@@ -266,7 +266,7 @@ const STATION: StationAddress = StationAddress(0x1001);
 fn datagrams_share_a_frame_until_it_is_full() {
     let mut bench = Bench::new(1);
     let link = bench.link.clone();
-    // 14 bytes each: 107 of them fit into 1498, and no more.
+    // 14 bytes each: 107 of them fit into 1498.
     let reads: Vec<Exchange> = (0..110).map(|_| link.fprd(STATION, 0x0130, 2)).collect();
     bench.run(async {
         for read in reads {
@@ -293,8 +293,8 @@ fn a_datagram_that_travels_alone_does() {
     assert_eq!(bench.frames, [1, 1, 1]);
 }
 
-/// A datagram that wants the wire for itself begins a frame, and leaves when the frames before it
-/// are back. Frames of the cycle count too; without a moment for it, it is lost to the ns.
+/// A quiet datagram begins a frame, and leaves when the frames before it are back. Frames of the
+/// cycle count too. Without such an instant it is lost, to the nanosecond.
 #[test]
 fn a_quiet_datagram_waits_until_all_frames_are_back() {
     let mut bench = Bench::new(1);
@@ -389,7 +389,7 @@ fn foreign_and_late_frames_are_not_taken() {
     drop(exchange);
 }
 
-/// Dropped exchanges leave nothing behind: their slots serve the next ones.
+/// Dropped exchanges free their slots for the next ones.
 #[test]
 fn dropped_exchanges_are_forgotten() {
     let mut bench = Bench::new(1);
@@ -458,7 +458,7 @@ fn a_silent_device_runs_into_its_deadline() {
     assert!(bench.now >= Time::new(31_000_000) && bench.now < Time::new(42_000_000));
 }
 
-/// Two devices: two bytes out and two in at the first, two out at the second.
+/// Two devices: two bytes of outputs and two of inputs at the first, two of outputs at the second.
 fn cyclic_segment(bench: &mut Bench) -> Segment {
     let mut segment = Segment { reference: Some(0), ..Segment::default() };
     for position in 0..2u16 {
@@ -482,7 +482,7 @@ fn cyclic_segment(bench: &mut Bench) -> Segment {
     segment
 }
 
-/// One cycle at its due time; gives the frame as it came back.
+/// Runs one cycle at its due time; returns the frame as it came back.
 fn exchange(cycle: &mut CyclicExchange, bench: &mut Bench) -> Vec<u8> {
     bench.now = cycle.due();
     bench.segment.time = 5_000_000_777 + bench.now.count();
@@ -593,7 +593,7 @@ fn a_sleeper_skips_cycles_and_is_told() {
         link.board(|board| cycle.transmit(now, &mut buffer, board)).is_some()
     };
     assert!(!transmit(&mut cycle, due + Nanos(-1)));
-    // 40 cycles and a bit: nothing off the grid, nothing sent after the event.
+    // 40 cycles and a bit: no frame leaves off the grid, and none after the event.
     let late = Nanos(40_200_000);
     assert!(!transmit(&mut cycle, due + late));
     let skipped = Event::CyclesSkipped { cycle: 2, late, skipped: 41 };
@@ -605,8 +605,8 @@ fn a_sleeper_skips_cycles_and_is_told() {
     assert_eq!(cycle.number(), 2);
     assert_eq!(link.board(|board| board.statistics.cycles_skipped), 41);
 
-    // Late by less than half a cycle: at once. By half a cycle: on the grid. And who is late once more
-    // sends all the same.
+    // Late by less than half a cycle, a frame leaves at once; by half a cycle, on the grid. If the
+    // host is late again, the frame leaves nevertheless.
     let due = cycle.due();
     assert!(transmit(&mut cycle, due + Nanos(499_999)));
     assert_eq!(cycle.due(), due + Nanos(1_000_000));
@@ -624,7 +624,7 @@ fn status_words_are_read_together() {
     assert_eq!(AlStatus(0x14).to_bytes(), [0x14, 0]);
 }
 
-/// One SubDevice fell back to SAFEOP, one is gone: the first is reported, the second holds up
+/// One SubDevice left OP for SAFEOP and one is lost: the first is reported, and the second delays
 /// nothing.
 #[test]
 fn health_finds_who_left_op() {
@@ -637,7 +637,7 @@ fn health_finds_who_left_op() {
     let fallen = Answer::Status(AlStatus(0x14), AlStatusCode::WATCHDOG);
     assert_eq!(found.answers, [(0, op), (1, fallen), (2, Answer::Nobody)]);
     assert_eq!(found.others, Others::None, "no more answer than are known");
-    // One of them has lost its address: everybody is asked by place.
+    // One of them has lost its address: all are read by position.
     bench.segment.escs[1].memory[0x0010] = 0;
     let stations = std::vec![(0, StationAddress(0x1001)), (1, StationAddress(0x1002))];
     let found = bench.run(crate::health::look(bench.link.clone(), stations, 2));
@@ -645,7 +645,7 @@ fn health_finds_who_left_op() {
     let Others::Everybody(everybody) = found.others else { panic!("two answer, one is known") };
     let addresses: Vec<_> = everybody.iter().map(|found| found.station.0).collect();
     assert_eq!(addresses, [0x1001, 0x1000]);
-    // Where just one more answers than have a place, the count is all there is to know.
+    // If one more answers than have a place, only the number is known.
     let frames = bench.frames.len();
     let stations = std::vec![(0, StationAddress(0x1001))];
     let found = bench.run(crate::health::look(bench.link.clone(), stations, 1));
@@ -653,7 +653,7 @@ fn health_finds_who_left_op() {
     assert_eq!(bench.frames[frames..], [2], "the count and one state");
 }
 
-/// What is given up in the queue is not sent, what stands around it is, and nothing is left behind.
+/// A dropped datagram in the queue is not sent, and its neighbours are.
 #[test]
 fn datagrams_that_are_given_up_leave_the_queue() {
     let mut bench = Bench::new(1);
@@ -676,8 +676,7 @@ fn datagrams_that_are_given_up_leave_the_queue() {
     assert_eq!((queued, flights), (None, 0));
 }
 
-/// Process data of three frames: the later ones begin when the earlier ones and their gaps are
-/// over.
+/// Process data of three frames: each frame begins when the earlier ones and their gaps are over.
 #[test]
 fn frames_of_a_cycle_follow_each_other() {
     let chunk = |logical| Chunk {

@@ -1,15 +1,15 @@
 //! Times that devices measure themselves: object entries 0x1C32:08 and 0x1C33:08, "get cycle time".
 //!
 //! A device whose sub-index 04 announces dynamic times (bit 14) may state 0 in sub-indices 05, 06
-//! and 09, and measures them in OP on command. So the way up is gone twice for its sake:
+//! and 09, and measures them in OP on command. The bring-up then has two passes:
 //!
 //! 1. the segment is brought to OP by a plan in which these times are 0 or assumed;
 //! 2. [`measure`] starts the measurement, reads the values until they stay the same, stops it and
 //!    leaves OP;
-//! 3. [`plan_anew`] goes back to PREOP and plans with what was measured, before SYNC is set up and
-//!    SAFEOP is asked for again.
+//! 3. [`plan_anew`] goes back to PREOP and plans with the measured times, before SYNC is programmed
+//!    and SAFEOP is requested again.
 //!
-//! Step 1 is done with all outputs as they are before the application begins: 0.
+//! During step 1 all outputs are 0, as before the first call of the application.
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
@@ -32,24 +32,25 @@ use crate::objects::{number, sdo};
 use crate::segment::{Segment, SubDevice, SyncObject};
 use crate::{coe, esm, left_out, mode, timing};
 
-/// What came of a device's own measurement.
+/// The result of a device's measurement.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct OwnTimes {
     /// The times; all `None` if the device refused the command.
     pub times: MeasuredTimes,
-    /// Whether they stayed the same for [`MeasureTimes::settled`]. If not, these are the last ones.
+    /// Whether they stayed the same for [`MeasureTimes::settled`]; otherwise these are the last
+    /// ones.
     pub settled: bool,
-    /// From the command to the last reading.
+    /// Time from the command to the last reading.
     pub after: Nanos,
 }
 
 impl MeasuredTimes {
-    /// Whether nothing is known.
+    /// Whether no time is known.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
 
-    /// These, and the others where these have none.
+    /// These times, completed by the other ones.
     pub(crate) fn or(self, other: Self) -> Self {
         Self {
             minimum_cycle: self.minimum_cycle.or(other.minimum_cycle),
@@ -60,8 +61,8 @@ impl MeasuredTimes {
         }
     }
 
-    /// Each time with the entry that shows it; the minimum cycle is the longer one of both objects
-    /// and stands for 0x1C32:05.
+    /// Each time with its entry. The minimum cycle is the longer one of both objects and is given
+    /// as 0x1C32:05.
     pub fn entries(&self) -> impl Iterator<Item = (ObjectAddress, Nanos)> {
         let at = ObjectAddress::new;
         [
@@ -75,7 +76,7 @@ impl MeasuredTimes {
         .filter_map(|(entry, time)| Some((entry, time?)))
     }
 
-    /// What both objects state, completed by these times where they state 0 or nothing.
+    /// The stated times of both objects, completed by these times if they state 0 or nothing.
     pub(crate) fn complete(
         &self,
         outputs: SyncParameters,
@@ -102,23 +103,22 @@ impl MeasuredTimes {
     }
 }
 
-/// What is known of the times of a device beside what its objects state: what it measured on this
-/// way up, else what the configuration says that it measured once.
+/// The measured times of a device: those of this bring-up, otherwise those of the configuration.
 pub(crate) fn known(device: &SubDevice, wish: Option<&DeviceConfig>) -> MeasuredTimes {
     let configured = wish.map(|wish| wish.measured).unwrap_or_default();
     device.own_times.map_or(configured, |own| own.times.or(configured))
 }
 
-/// Whether a device is to measure its times, and has not done so yet.
+/// Whether any device must still measure its times.
 pub(crate) fn is_wanted(segment: &Segment, config: &Config) -> bool {
     config.measure_times.is_some()
         && segment.devices.iter().any(|device| lacks(device, config.devices.get(device.position)))
 }
 
-/// Whether the device announces dynamic times, can be told to measure them, and states 0 for one
-/// that neither it nor the configuration has measured.
+/// Whether the device announces dynamic times, accepts the command to measure them, and states 0
+/// for one that neither it nor the configuration has measured.
 fn lacks(device: &SubDevice, wish: Option<&DeviceConfig>) -> bool {
-    // In Free Run its times are its own.
+    // In Free Run its times do not matter.
     let bound = device.mode != SyncMode::FreeRun || mode::takes_sm_mode(device);
     let configured = wish.map(|wish| wish.measured).unwrap_or_default();
     device.admitted
@@ -131,7 +131,8 @@ fn lacks(device: &SubDevice, wish: Option<&DeviceConfig>) -> bool {
         })
 }
 
-/// The objects of the directions with process data that announce dynamic times and have a command.
+/// The objects of the directions with process data that announce dynamic times and have the
+/// command.
 fn dynamic(device: &SubDevice) -> impl Iterator<Item = (u16, &SyncObject)> {
     let outputs = device.output_sync.as_ref().filter(|_| device.outputs.length > 0);
     let inputs = device.input_sync.as_ref().filter(|_| device.inputs.length > 0);
@@ -142,7 +143,7 @@ fn dynamic(device: &SubDevice) -> impl Iterator<Item = (u16, &SyncObject)> {
         .filter(|(_, object)| object.entry(sub::GET_CYCLE_TIME).is_some())
 }
 
-/// In OP: the devices that lack times measure them, side by side; then all leave OP for SAFEOP.
+/// Lets the devices that lack times measure them in OP, concurrently; then all go to SAFEOP.
 pub(crate) async fn measure(mut work: Work) -> End {
     let result = measure_all(&mut work).await;
     if let Err(cause) = result {
@@ -198,13 +199,13 @@ async fn measure_one(
             break false;
         }
     };
-    // The values stay when it ends.
+    // The values remain after the measurement ends.
     command(device, mailbox, STOP).await?;
     Ok(OwnTimes { times, settled, after: link.now() - begin })
 }
 
-/// Writes sub-index 08 of both objects, as stacks are known that keep one command for each; `false`
-/// if no object takes it.
+/// Writes sub-index 08 of both objects, since some stacks have a separate command for each; returns
+/// `false` if no object accepts it.
 async fn command(device: &SubDevice, mailbox: &mut Mailbox, value: u16) -> Result<bool, Cause> {
     let mut taken = false;
     for (index, _) in dynamic(device) {
@@ -218,7 +219,7 @@ async fn command(device: &SubDevice, mailbox: &mut Mailbox, value: u16) -> Resul
     Ok(taken)
 }
 
-/// The times as the device shows them now; one that is 0 is not measured.
+/// Reads the times that the device shows now; a time of 0 is not measured.
 async fn read(device: &SubDevice, mailbox: &mut Mailbox) -> Result<MeasuredTimes, Cause> {
     let mut shown = [SyncParameters::default(); 2];
     for (index, object) in dynamic(device) {
@@ -239,7 +240,7 @@ async fn read(device: &SubDevice, mailbox: &mut Mailbox) -> Result<MeasuredTimes
     })
 }
 
-/// With process data off: back to PREOP with SYNC off, and the plan with the measured times.
+/// Goes back to PREOP with SYNC off, without process data, and plans with the measured times.
 pub(crate) async fn plan_anew(mut work: Work) -> End {
     let result = replan(&mut work).await;
     work.end(result)
@@ -255,7 +256,7 @@ async fn replan(work: &mut Work) -> Result<(), Cause> {
     down.into_iter().collect::<Result<Vec<_>, _>>()?;
     let off = SyncActivation(0).to_bytes();
     link.bwr(register::SYNC_ACTIVATION.address, &off).reply().await?;
-    // What was complete was so on the first way.
+    // The complete cycles so far belong to the first pass.
     link.board(|board| board.complete_cycles = 0);
 
     work.enter(Stage::Plan);
@@ -267,7 +268,7 @@ async fn replan(work: &mut Work) -> Result<(), Cause> {
     Ok(())
 }
 
-/// A device whose times did not fit the first plan may have left OP with an error by itself.
+/// Goes to PREOP. A device whose times did not fit the first plan may have left OP with an error.
 async fn to_preop(link: &Link, config: &Config, device: &mut SubDevice) -> Result<(), Cause> {
     if !device.admitted {
         return Ok(());
@@ -281,11 +282,11 @@ async fn to_preop(link: &Link, config: &Config, device: &mut SubDevice) -> Resul
     esm::change(link, device, AlState::PreOp, patience).await
 }
 
-/// What is measured.
+/// The sub-indices that are measured.
 const TIMES: [u8; 3] = [sub::MINIMUM_CYCLE_TIME, sub::CALC_AND_COPY_TIME, sub::DELAY_TIME];
-/// Sub-index 08, bit 0: measure, anew.
+/// Sub-index 08, bit 0: start a new measurement.
 const MEASURE: u16 = 1;
-/// Sub-index 08: measure no more.
+/// Sub-index 08: stop the measurement.
 const STOP: u16 = 0;
-/// From one reading to the next: some ten cycles, and little of the mailbox.
+/// Time between two readings: some ten cycles, and a small load of the mailbox.
 const LOOK: Nanos = Nanos::millis(50);

@@ -1,4 +1,4 @@
-//! The plan of one cycle: when SYNC0 comes, and every line of the budget of every SubDevice.
+//! The plan of one cycle: the phase of SYNC0, and every line of the budget of every SubDevice.
 
 use alloc::vec::Vec;
 
@@ -37,7 +37,7 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
     let reference = reference_range(segment, config);
     let mut demands: Vec<budget::Device> =
         segment.devices.iter().map(|device| demands_of(config, device, reference)).collect();
-    // Each device would look through all before it: where all are there, none has to.
+    // Each device would look through all before it, which is not needed if none is absent.
     let some_absent = segment.devices.iter().any(|device| !device.admitted);
     for (chunk, times) in segment.image.chunks.iter().zip(times) {
         let range = chunk.first..chunk.end;
@@ -56,7 +56,8 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
             demands.delay = delay;
             let (outputs, inputs) = (device.outputs.length > 0, device.inputs.length > 0);
             demands.outputs_arrival = outputs.then_some(delay + detour + times.stored);
-            // Outputs as late as in the fullest cycle, inputs as early as in the emptiest.
+            // Outputs arrive as late as in the fullest cycle, inputs are fetched as early as in the
+            // emptiest.
             demands.inputs_fetched = inputs.then_some(delay - early + times.fetched - times.spread);
             demands.frame_spread = times.spread;
             if config.watchdog.is_some() {
@@ -86,8 +87,8 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
     Ok(timing)
 }
 
-/// How far clocks may be apart: within the threshold on either side of the reference, or as far as
-/// the drift loop lets the worst of them.
+/// The clock error of the plan: the threshold on either side of the reference, or what the drift
+/// loop leaves at the worst clock if that is more.
 fn clock_error(segment: &Segment, config: &Config) -> Nanos {
     let threshold = Nanos(2 * config.drift_threshold.0);
     let (time_filter_depth, speed_filter_depth) = crate::clock::depths(segment, config);
@@ -101,13 +102,13 @@ fn clock_error(segment: &Segment, config: &Config) -> Nanos {
             speed_filter_depth,
         })
     });
-    // A loop hands on a tenth of the jitter of the way at the usual depths (docs/dc.md), a third at
-    // worst; before it has settled, more.
+    // A loop passes on a tenth of the jitter of the way at the usual depths (docs/dc.md), a third
+    // at worst; more before it has settled.
     left.max().unwrap_or_default().max(threshold) + hop_jitter(segment, config)
 }
 
-/// From the earliest to the latest that hops may make a frame come: a period of MII at the
-/// reference, and four standard deviations of the way behind it.
+/// Range of the arrival times that hops cause: a period of MII at the reference, and four standard
+/// deviations of the way behind it.
 fn way_jitter(segment: &Segment, config: &Config) -> Nanos {
     match config.hop_jitter {
         true => MII_PERIOD + Nanos(4 * hop_jitter(segment, config).0),
@@ -115,7 +116,7 @@ fn way_jitter(segment: &Segment, config: &Config) -> Nanos {
     }
 }
 
-/// A nibble at 100 Mbit/s.
+/// Time of a nibble at 100 Mbit/s.
 const MII_PERIOD: Nanos = Nanos(40);
 
 /// Standard deviation of the jitter on the longest way from the reference clock.
@@ -123,7 +124,7 @@ fn hop_jitter(segment: &Segment, config: &Config) -> Nanos {
     delay::noise(segment, config.hop_jitter).into_iter().max().unwrap_or_default()
 }
 
-/// How a SubDevice's oscillator runs, as far as that is known.
+/// The speed range of a SubDevice's oscillator, as far as it is known.
 fn range(config: &Config, position: usize) -> ClockRange {
     config.devices.get(position).and_then(|wish| wish.clock).unwrap_or_default()
 }
@@ -132,12 +133,12 @@ fn reference_range(segment: &Segment, config: &Config) -> ClockRange {
     segment.reference.map_or(ClockRange::default(), |reference| range(config, reference))
 }
 
-/// By how much two oscillators come apart: by what is usual, or by more where more is known.
+/// Largest difference of the speeds of two oscillators: the usual one, or more if more is known.
 fn deviation(one: ClockRange, other: ClockRange) -> i64 {
     one.apart(other).max(USUAL_DEVIATION_PPB)
 }
 
-/// The demands as wishes and assumptions have them, still without arrivals.
+/// The demands by configuration and assumptions, without arrivals.
 fn demands_of(config: &Config, device: &SubDevice, reference: ClockRange) -> budget::Device {
     let wish = config.devices.get(device.position);
     let assumed = wish.map(|wish| wish.assumed).unwrap_or_default();
@@ -146,15 +147,17 @@ fn demands_of(config: &Config, device: &SubDevice, reference: ClockRange) -> bud
     budget::Device { clock_deviation_ppb, ..demands }
 }
 
-/// By how much later and earlier than by its delay frames may come to a SubDevice of a ring that is cut, or whole again:
-/// from the other end against the order of all, and from the first on back again; or from the other end to it alone.
+/// How much later and earlier than by its delay frames may reach a SubDevice in a ring that is cut
+/// or whole again. On the longest way they come from the other end to the first SubDevice and back;
+/// on the shortest they come from the other end directly.
 fn ring_detour(segment: &Segment, config: &Config, delay: Nanos) -> (Nanos, Nanos) {
     let Some(ring) = config.ring else { return (Nanos::ZERO, Nanos::ZERO) };
     let whole = segment.devices.iter().filter_map(|device| device.delay).max();
     let whole = whole.unwrap_or(Nanos::ZERO);
     let early = delay - (whole - delay) - ring.longer;
-    // Behind a cut at the first cable frames come to the reference clock later by this, or sooner. The host follows, so
-    // that once the ring is whole again they are off by it the other way; on its way it goes beyond by less.
+    // Behind a cut at the first cable frames reach the reference clock later by this, or earlier,
+    // and the host follows. Once the ring is whole again they deviate by it in the other direction;
+    // while it follows, the host overshoots by less.
     let step = Nanos((whole + ring.longer).0.abs());
     (step, early.max(step))
 }
@@ -168,8 +171,8 @@ mod tests {
     use isocat_sync::budget::Check;
     use isocat_sync::{Pulses, SyncMode};
 
-    /// Three in a ring: behind a cut at the first cable, each is reached past all and back, and the host, which has followed,
-    /// is too early by as much when the ring is whole again.
+    /// Three in a ring: behind a cut at the first cable, each is reached past all others and back.
+    /// The host has followed, so it is too early by the same time when the ring is whole again.
     #[test]
     fn frames_in_a_ring_may_go_the_long_way() {
         let devices =
@@ -220,14 +223,14 @@ mod tests {
         device.pulses = Pulses { sync0_cycle: config.cycle, ..Pulses::default() };
         device.delay = Some(Nanos(300));
         let timing = planned(device.clone(), &config).unwrap();
-        // Drift datagram 20, chunk 20, AL status 14, headers 16 bytes; preamble and FCS 12; at 80
-        // ns.
+        // Drift datagram 20, chunk 20, AL status 14, headers 16 bytes; preamble and FCS 12; 80 ns
+        // for each byte.
         let arrival = 300 + (20 + 20 + 14 + 16 + 12) * 80;
         assert_eq!(timing.devices[0].0.outputs_arrival, Some(Nanos(arrival)));
         let line = timing.devices[0].1.line(Check::OutputsBeforeSync0).unwrap();
-        // The jitter of a hop is a part of the host's.
+        // The jitter of a hop is included in the host's jitter.
         assert_eq!(line.needed, Nanos(arrival + 20_000 + MII_PERIOD.0 + 200 + 60_000));
-        // A phase of the user's, exactly enough and 1 ns too early.
+        // The configured phase is exactly sufficient, then 1 ns too early.
         config.shift = Some(line.needed);
         assert!(planned(device.clone(), &config).is_ok());
         config.shift = Some(line.needed - Nanos(1));

@@ -1,4 +1,4 @@
-//! Who hangs on whom: parents from the ports that are open.
+//! The tree of the SubDevices: parents from the open ports.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -8,31 +8,31 @@ use isocat_wire::dl::DlStatus;
 
 use crate::error::Cause;
 
-/// What is known of the ports of one SubDevice.
+/// The ports of one SubDevice.
 #[derive(Clone, Copy)]
 pub(crate) struct Ports {
     /// Register 0x0110.
     pub status: DlStatus,
-    /// Where frames come in.
+    /// The port through which frames enter.
     pub entry: PortNumber,
-    /// Receive times of one latch, if there are any.
+    /// Receive times of one latch, if available.
     pub times: Option<[u32; 4]>,
 }
 
 /// The parent of each SubDevice and the port there, in processing order.
 ///
-/// A frame visits the ports after its entry in the order 0 → 3 → 1 → 2 and goes down a branch as
-/// soon as it meets an open port. The processing unit stands behind port 0: what hangs on ports that are visited
-/// before (with the cable from above in another port than 0) comes before its parent in processing order,
-/// the rest behind it.
+/// A frame visits the ports after its entry in the order 0 → 3 → 1 → 2 and enters a branch as soon
+/// as it meets an open port. The processing unit is behind port 0. SubDevices on ports that are
+/// visited before it come before their parent in processing order, the others after it. The former
+/// exist if the cable from above is in another port than 0.
 pub(crate) fn parents(ports: &[Ports]) -> Result<Vec<Option<(usize, PortNumber)>>, Cause> {
     let mut parents = vec![None; ports.len()];
     let mut trees: Vec<Tree> = Vec::new();
     for (position, own) in ports.iter().enumerate() {
         let before = own.before().count();
         for port in own.before().collect::<Vec<_>>().into_iter().rev() {
-            // Larger trees than the one that ends here may hang on the port: as large as fits into the time
-            // that the frame was away.
+            // Larger trees than the one that ends here may hang on the port: the largest one that
+            // fits the time that the frame was away.
             let away = own.away(port);
             let mut tried = trees.clone();
             while close(&mut tried, ports, &mut parents) {
@@ -54,7 +54,7 @@ pub(crate) fn parents(ports: &[Ports]) -> Result<Vec<Option<(usize, PortNumber)>
     }
 }
 
-/// Whether so many open ports make one tree of so many SubDevices, whatever it looks like.
+/// Checks that the number of open ports fits a tree of this number of SubDevices, of any shape.
 pub(crate) fn check_count(ports: &[Ports]) -> Result<(), Cause> {
     let offered: usize = ports.iter().map(|own| own.downstream().count()).sum();
     if offered + 1 == ports.len() { Ok(()) } else { Err(mismatch(ports)) }
@@ -65,16 +65,16 @@ fn mismatch(ports: &[Ports]) -> Cause {
     Cause::Topology { devices: ports.len(), ports: offered }
 }
 
-/// A SubDevice with what hangs on it, as far as it has come by.
+/// A SubDevice with the trees behind it, as far as they are known.
 #[derive(Clone, Copy)]
 struct Tree {
     top: usize,
-    /// Trees that must follow and hang on it.
+    /// Number of trees that must follow and hang on it.
     wanted: usize,
 }
 
-/// Hangs trees on the last SubDevice that wants some, if enough of them follow it; the last of them may be the
-/// last of all. Gives whether there was one.
+/// Attaches trees to the last SubDevice that needs some, if enough of them follow it; the last of
+/// them may be the last of all. Returns whether there was such a SubDevice.
 fn close(
     trees: &mut Vec<Tree>,
     ports: &[Ports],
@@ -111,14 +111,15 @@ impl Ports {
         })
     }
 
-    /// How long the frame was away behind a port, ns; 0 if nobody knows.
+    /// How long the frame was away behind a port, ns; 0 if unknown.
     fn away(&self, port: PortNumber) -> u32 {
         let open = |other: &PortNumber| self.status.open(*other) || *other == self.entry;
         let before = round(self.entry).take_while(|other| *other != port).filter(open).last();
         self.between(before.unwrap_or(self.entry), port)
     }
 
-    /// From its entry until it was back from the last branch, ns; the longest time if nobody knows.
+    /// Time from its entry until the frame was back from the last branch, ns; the longest time if
+    /// unknown.
     fn away_in_all(&self) -> u32 {
         match self.times {
             Some(_) => self.between(self.entry, self.downstream().last().unwrap_or(self.entry)),
@@ -138,7 +139,7 @@ fn round(entry: PortNumber) -> impl Iterator<Item = PortNumber> {
     (0..4).map(move |step| order[(at + step) % 4])
 }
 
-/// The port through which frames come in, as far as the links tell it: port 0 if it is open.
+/// The port through which frames enter, as far as the links show it: port 0 if it is open.
 pub(crate) fn likely_entry(status: DlStatus) -> PortNumber {
     PortNumber::PROCESSING_ORDER
         .into_iter()
@@ -146,8 +147,8 @@ pub(crate) fn likely_entry(status: DlStatus) -> PortNumber {
         .unwrap_or(PortNumber::P0)
 }
 
-/// The port through which frames come in, by the receive times: the open one with the earliest, of those
-/// whose time is another than in the latch before. Times wrap.
+/// The port through which frames enter, by the receive times: the open port with the earliest time,
+/// among those whose time differs from the latch before. Times wrap.
 pub(crate) fn entry_by_times(
     status: DlStatus,
     times: &[u32; 4],
@@ -208,7 +209,7 @@ mod tests {
         assert!(check_count(&hidden).is_ok() && parents(&hidden).is_err(), "a swapped cable");
     }
 
-    /// What hangs on port 0 of a SubDevice with swapped cables is processed before it.
+    /// SubDevices on port 0 of one with swapped cables are processed before it.
     #[test]
     fn a_swapped_cable_turns_the_order_round() {
         let first = swapped(&[P0, P1], P1, [1500, 500, 0, 0]);
@@ -219,8 +220,8 @@ mod tests {
         assert_eq!(parents(&[leaf, leaf, cross, leaf]).unwrap(), expected);
     }
 
-    /// X, Z, Y with Y swapped: X on Y's port 0 with Z behind it, or Y on X with Z on its port 0. Only the times
-    /// tell.
+    /// X, Z, Y with Y swapped: X on Y's port 0 with Z behind it, or Y on X with Z on its port 0.
+    /// Only the times tell which.
     #[test]
     fn times_tell_which_of_two_trees_it_is() {
         let leaf = swapped(&[P0], P0, [0; 4]);
@@ -239,7 +240,7 @@ mod tests {
         assert_eq!(entry([1500, 500, 0, 0]), P1);
         assert_eq!(entry([500, 1500, 0, 0]), P0);
         assert_eq!(entry([5, u32::MAX - 5, 0, 0]), P1, "wraps in between");
-        // A port that no frame comes back at.
+        // No frame comes back at this port.
         assert_eq!(entry_by_times(status, &[5000, 500, 0, 0], Some(&[1500, 500, 0, 0])), P0);
     }
 
@@ -271,8 +272,8 @@ mod tests {
         }
     }
 
-    /// Random trees with every second cable swapped: processing order, open ports and times give back what
-    /// hangs on what.
+    /// Random trees with every second cable swapped: the tree follows from processing order, open
+    /// ports and times.
     #[test]
     fn any_tree_of_swapped_cables() {
         let mut state = 1u64;

@@ -1,8 +1,9 @@
-//! Outputs that are written on a timeline: what stands in which bits of a device's outputs, from when on.
+//! Outputs that are written on a timeline: values in bits of a device's outputs from given instants
+//! on.
 //!
-//! A value depends on the system time for which its cycle is meant ([`Cycle::next_grid`]) and not on how often the application
-//! was called. So a motion goes on in time where the host skips cycles, and [`Written::value`] says afterwards what was meant for
-//! a cycle, whatever became of its frame.
+//! A value depends on the system time of its cycle ([`Cycle::next_grid`]) and not on the number of
+//! calls of the application. So a motion continues in time if the host skips cycles, and
+//! [`Written::value`] returns afterwards the intended value of a cycle, even if its frame was lost.
 
 use alloc::vec::Vec;
 use core::f64::consts::TAU;
@@ -12,19 +13,19 @@ use isocat_wire::time::{Dc, Host, Nanos, Time};
 use crate::application::{Cycle, Device};
 use crate::event::Event;
 
-/// Bits of the outputs or inputs of a device, little endian as process data are.
+/// Bits of the outputs or inputs of a device, little-endian like process data.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Bits {
-    /// The lowest one, counted from the first byte.
+    /// The lowest bit, counted from the first byte.
     pub at: u32,
-    /// How many, 1 to 32.
+    /// Number of bits, 1 to 32.
     pub len: u8,
-    /// The highest one is a sign.
+    /// Whether the highest bit is a sign.
     pub signed: bool,
 }
 
 impl Bits {
-    /// The numbers that they can hold.
+    /// The least and the largest number that they can hold.
     pub const fn range(self) -> (i64, i64) {
         match self.signed {
             true => (-(1 << (self.len - 1)), (1 << (self.len - 1)) - 1),
@@ -32,12 +33,12 @@ impl Bits {
         }
     }
 
-    /// The first bit behind them.
+    /// The first bit after them.
     pub const fn end(self) -> u32 {
         self.at + self.len as u32
     }
 
-    /// The number that stands there; `None` where the bytes end before.
+    /// Reads the number; `None` if the bytes end before it.
     pub fn read(self, bytes: &[u8]) -> Option<i64> {
         let mut number = 0;
         for bit in (self.at..self.end()).rev() {
@@ -48,7 +49,8 @@ impl Bits {
         Some(if is_negative { number - (1 << self.len) } else { number })
     }
 
-    /// Puts a number there. One that does not fit becomes the nearest that does; bits behind the end are left out.
+    /// Writes the number. A number out of range becomes the nearest possible one; bits beyond the
+    /// end are left out.
     pub fn write(self, bytes: &mut [u8], number: i64) {
         let (least, most) = self.range();
         let number = number.clamp(least, most);
@@ -63,40 +65,40 @@ impl Bits {
     }
 }
 
-/// When an output begins: with the first cycle that is due then or later.
+/// When an output begins: with the first cycle that is due at this instant or later.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Start {
-    /// So long after the machine was made, by the host's clock.
+    /// This time after the machine was made, by the host's clock.
     At(Nanos),
-    /// So long after all SubDevices that take part are in OP.
+    /// This time after all SubDevices that take part are in OP.
     InOperation(Nanos),
-    /// So long after so many cycles are over.
+    /// This time after this number of cycles is complete.
     Cycle(u64, Nanos),
 }
 
-/// What is written from then on.
+/// The course of an output from its start on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Shape {
     /// A value.
     Value {
         /// The value.
         value: i64,
-        /// It is reached evenly within this time, from what stood there before; zero: at once.
+        /// Time in which it is reached evenly from the value before; zero: at once.
         over: Nanos,
     },
-    /// A sine around what stood there before.
+    /// A sine around the value before.
     Sine {
-        /// The farthest from it.
+        /// Amplitude.
         amplitude: i64,
-        /// Of one swing; above zero.
+        /// Period; above zero.
         period: Nanos,
-        /// It stops where it is after this time; `None`: never.
+        /// Time after which it stays at its present value; `None`: never.
         lasts: Option<Nanos>,
     },
 }
 
 impl Shape {
-    /// What it comes to, so long after it began at `base`.
+    /// The value at time `since` after it began at `base`.
     fn value(self, base: i64, since: Nanos) -> i64 {
         match self {
             Self::Value { value, over } if since >= over => value,
@@ -106,7 +108,7 @@ impl Shape {
             }
             Self::Sine { amplitude, period, lasts } => {
                 let since = lasts.map_or(since, |lasts| since.min(lasts));
-                // From the remainder, so that a long run is as exact as its beginning.
+                // The remainder keeps a long run as exact as its beginning.
                 let turn = (since.0 % period.0) as f64 / period.0 as f64;
                 base + libm::round(amplitude as f64 * libm::sin(TAU * turn)) as i64
             }
@@ -114,16 +116,16 @@ impl Shape {
     }
 }
 
-/// Something that is written from an instant on, until another one of the same bits begins.
+/// A value that is written from an instant on, until another output of the same bits begins.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Output {
     /// Position of the device.
     pub device: usize,
-    /// Where in its outputs.
+    /// The bits in its outputs.
     pub place: Bits,
     /// When it begins.
     pub start: Start,
-    /// What is written.
+    /// Its course.
     pub shape: Shape,
 }
 
@@ -132,12 +134,13 @@ pub struct Output {
 pub struct Written {
     outputs: Vec<Output>,
     origin: Time<Host>,
-    /// Those that have begun, in that order.
+    /// The outputs that have begun, in this order.
     begun: Vec<Begun>,
-    /// [`Event::InOperation`] came; the first cycle since is not told yet.
+    /// Whether [`Event::InOperation`] came.
     operates: bool,
     in_operation: Option<Time<Host>>,
-    /// The instants at which so many cycles were over, for those that wait for it.
+    /// The instants at which given numbers of cycles were complete, for the outputs that wait for
+    /// them.
     cycles: Vec<(u64, Time<Host>)>,
 }
 
@@ -146,26 +149,26 @@ pub struct Written {
 struct Begun {
     output: usize,
     at: Time<Dc>,
-    /// What stood there.
+    /// The value before it.
     base: i64,
 }
 
 impl Written {
-    /// These outputs; times count from `origin`.
+    /// Written outputs; times count from `origin`.
     pub fn new(outputs: Vec<Output>, origin: Time<Host>) -> Self {
-        // The cycle allocates nothing when they begin.
+        // The capacity is allocated here, so that the cycle does not allocate.
         let (begun, cycles) =
             (Vec::with_capacity(outputs.len()), Vec::with_capacity(outputs.len()));
         Self { outputs, origin, begun, cycles, ..Self::default() }
     }
 
-    /// Whether these bits are written, now or later.
+    /// Whether an output writes these bits, now or later.
     pub fn takes(&self, device: usize, place: Bits) -> bool {
         self.outputs.iter().any(|output| output.device == device && output.place == place)
     }
 
-    /// What is meant for the cycle that finds the reference clock at `at`; `None` before the first output of these bits has
-    /// begun.
+    /// The intended value of the cycle that finds the reference clock at `at`; `None` before the
+    /// first output of these bits has begun.
     pub fn value(&self, device: usize, place: Bits, at: Time<Dc>) -> Option<i64> {
         let of_place = |begun: &&Begun| {
             let output = &self.outputs[begun.output];
@@ -181,7 +184,8 @@ impl Written {
         }
     }
 
-    /// A cycle is over: what begins with the next one. Afterwards [`write`](Self::write) is called for each device.
+    /// Starts the outputs that begin with the next cycle, when a cycle is complete. Afterwards
+    /// [`write`](Self::write) is called for each device.
     pub(crate) fn begin(&mut self, cycle: &mut Cycle<'_>) {
         if self.begun.len() == self.outputs.len() {
             return;
@@ -217,13 +221,13 @@ impl Written {
         }
     }
 
-    /// Writes what is meant for the cycle at `grid` into the outputs of a device.
+    /// Writes the values of the cycle at `grid` into the outputs of a device.
     pub(crate) fn write(&self, device: &mut Device<'_>, grid: Time<Dc>) {
         for (number, output) in self.outputs.iter().enumerate() {
             let before = &self.outputs[..number];
             let same =
                 |other: &Output| other.device == output.device && other.place == output.place;
-            // Each place once: its value takes all of its outputs into account.
+            // Each place is written once: its value takes all of its outputs into account.
             if output.device != device.position() || before.iter().any(same) {
                 continue;
             }
@@ -233,7 +237,7 @@ impl Written {
         }
     }
 
-    /// Whether there is nothing to write.
+    /// Whether there are no outputs.
     pub fn is_empty(&self) -> bool {
         self.outputs.is_empty()
     }

@@ -1,4 +1,4 @@
-//! Cost of a cycle of a line of N SubDevices: the segment alone, and with a MainDevice.
+//! Cost of a cycle of a line of N SubDevices: for the segment alone, and with a MainDevice.
 
 #![expect(missing_docs, reason = "the macros make undocumented items")]
 

@@ -1,4 +1,4 @@
-//! How long a line of N SubDevices takes from cold to OP, with settings that nobody touched: `long_line N...`.
+//! Time of a line of N SubDevices from cold start to OP, with default settings: `long_line N...`.
 //!
 //! All figures repeat exactly. Exit code 1 if a line does not come up.
 
@@ -12,7 +12,8 @@ mod line;
 fn main() -> ExitCode {
     let mut code = ExitCode::SUCCESS;
     for count in std::env::args().skip(1).filter_map(|text| text.parse().ok()) {
-        // What the line loosens for ten thousand is as nobody touched it here.
+        // The settings that the line relaxes for ten thousand SubDevices are reset to their
+        // defaults.
         let untouched = |config: &mut Config| {
             let Config { timeouts, drift_threshold, .. } = Config::new(config.cycle);
             (config.timeouts, config.drift_threshold) = (timeouts, drift_threshold);

@@ -1,8 +1,9 @@
-//! What one cycle costs the MainDevice alone: `maindevice N CYCLES`, a line of N SubDevices with 16 bytes each way.
+//! The cost of one cycle for the MainDevice alone: `maindevice N CYCLES`, a line of N SubDevices
+//! with 16 bytes in each direction.
 //!
-//! The line is brought up behind a MainDevice as in `scale`. Then the segment is left out: each frame is answered by a
-//! copy of itself with the working counters, states and times that the SubDevices would have put into it, at places
-//! found beforehand. `benches/maindevice.sh` counts instructions with it.
+//! The line is brought up by a MainDevice as in `scale`. Then the segment is left out: each frame
+//! is answered by a copy with the working counters, states and times of the SubDevices, at places
+//! found before. `benches/maindevice.sh` counts instructions with it.
 
 use std::process::ExitCode;
 
@@ -14,13 +15,13 @@ use isocat_wire::{AlState, Command, frame};
 #[path = "../benches/line/mod.rs"]
 mod line;
 
-/// What the segment writes into one frame of the cycle.
+/// The values that the segment writes into one frame of the cycle.
 struct Answer {
     /// Place of the reference time.
     time: Option<usize>,
     /// Place of AL status.
     status: Option<usize>,
-    /// Places of working counters and what they become.
+    /// Places of working counters and their values.
     counters: Vec<(usize, [u8; 2])>,
 }
 
@@ -43,7 +44,7 @@ impl Answer {
     }
 
     fn write(&self, bytes: &mut [u8], sent: Time<Host>) {
-        // As locally administered, which tells an answer from an echo.
+        // The locally administered bit distinguishes an answer from an echo.
         bytes[6] |= frame::LOCALLY_ADMINISTERED;
         if let Some(at) = self.time {
             bytes[at..at + 8].copy_from_slice(&system_time(sent).to_le_bytes());
@@ -79,7 +80,7 @@ fn main() -> ExitCode {
     let main = world.main_mut();
     let mut buffers = vec![vec![0; FRAME_LEN]; MOST_FRAMES];
     let mut answers = Vec::new();
-    // The clock answers differently now: until the servo has taken that over, cycles do not count.
+    // The clock answers differently now: until the servo has adapted, cycles do not count.
     for _ in 0..100 {
         cycle(main, &mut buffers, &mut answers, count as u16);
     }
@@ -94,7 +95,7 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// All that a program does in one cycle: every frame leaves before the first comes back.
+/// Everything that a program does in one cycle: every frame leaves before the first comes back.
 fn cycle(main: &mut MainDevice, buffers: &mut [Vec<u8>], answers: &mut Vec<Answer>, devices: u16) {
     let Some(due) = main.next_timeout() else { return };
     main.handle_timeout(due);

@@ -1,7 +1,8 @@
 //! Cost and memory of a line of N SubDevices: `scale N CYCLES [main]`.
 //!
-//! Prints processor time of one cycle and of one SubDevice and cycle, and resident bytes of one SubDevice. With `main`
-//! the MainDevice runs the line; without it frames are made beforehand and only the segment works.
+//! Prints processor time of one cycle, and of one SubDevice and cycle, and resident bytes of one
+//! SubDevice. With `main` the MainDevice runs the line; without it frames are made before and only
+//! the segment works.
 
 use std::process::ExitCode;
 use std::time::Duration;
@@ -53,14 +54,14 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Processor time of this thread, as Linux tells it, so that other programs do not count; elsewhere 0.
+/// Processor time of this thread from Linux, which excludes other programs; 0 on other systems.
 fn processor_time() -> Duration {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     let running = text.split_whitespace().next().and_then(|ns| ns.parse().ok());
     Duration::from_nanos(running.unwrap_or(0))
 }
 
-/// Resident memory of this process, bytes; 0 where the system does not tell.
+/// Resident memory of this process, bytes; 0 if the system does not report it.
 fn resident() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));

@@ -1,16 +1,16 @@
-//! Whom a frame concerns: so that a datagram costs what the SubDevices it addresses cost, and not what
-//! the segment has.
+//! Finds the SubDevices that a frame concerns, so that a datagram costs only as much as the
+//! SubDevices that it addresses, not as the whole segment.
 //!
-//! Places are counted in processing order. What each ESC can be concerned by ([`Reach`]) is held in
-//! indexes, which are made anew when a datagram needs them after a change. Those whose reach may change
-//! by itself are listed, and looked at before the audience of a frame is gathered.
+//! Places are counted in processing order. Indexes hold the possible addresses of each ESC
+//! ([`Reach`]); they are rebuilt when a datagram needs them after a change. ESCs whose reach may
+//! change by itself are listed, and updated before the audience of a frame is gathered.
 
 use isocat_esc::Reach;
 use isocat_wire::Command;
 use isocat_wire::datagram::{Layout, Layouts};
 use isocat_wire::frame;
 
-/// A datagram of the frame under way.
+/// A datagram of the present frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Item {
     pub layout: Layout,
@@ -20,7 +20,7 @@ pub(crate) struct Item {
 }
 
 impl Item {
-    /// The address as it arrives at a place, counted up by all places before.
+    /// The address on arrival at a place, incremented by all places before.
     pub fn address_at(&self, place: usize) -> u32 {
         let address = self.layout.header.address;
         if self.command.increments_position() {
@@ -36,9 +36,9 @@ impl Item {
     }
 }
 
-/// Reads the datagrams of a frame and tells where its payload begins; unknown commands and NOP pass
-/// untouched and are left out. `None` for what each ESC has to see whole: frames of other forms than EtherCAT
-/// on Ethernet, and chains of datagrams that are cut off.
+/// Reads the datagrams of a frame and returns the offset of its payload. Unknown commands and NOP
+/// pass unchanged and are left out. `None` for frames that each ESC must process as a whole: those
+/// in another form than EtherCAT on Ethernet, and those with a truncated chain of datagrams.
 pub(crate) fn read(bytes: &[u8], items: &mut Vec<Item>) -> Option<usize> {
     items.clear();
     let offset = frame::payload_offset(bytes).ok()?;
@@ -61,25 +61,26 @@ pub(crate) fn read(bytes: &[u8], items: &mut Vec<Item>) -> Option<usize> {
 pub(crate) struct Audience {
     reaches: Vec<Reach>,
     versions: Vec<Option<u32>>,
-    /// Places whose reach may be another when the next frame comes, and a mark for each of them.
+    /// Places whose reach may have changed when the next frame comes, and a mark for each place.
     restless: Vec<u32>,
     is_restless: Vec<bool>,
-    /// The indexes below hold.
+    /// Whether the indexes below are up to date.
     indexed: bool,
     /// Station addresses and aliases.
     stations: Vec<(u16, u32)>,
-    /// Places by the beginning of their logical addresses, and up to each the furthest end.
+    /// Places sorted by the beginning of their logical addresses, and the furthest end up to each
+    /// of them.
     logical: Vec<(u64, u32)>,
     furthest: Vec<u64>,
     adding_events: Vec<u32>,
     marking: usize,
     stopping: usize,
-    /// The audience of the frame under way, ascending.
+    /// The audience of the present frame, ascending.
     visits: Vec<u32>,
 }
 
 impl Audience {
-    /// So many places, of which nothing is known yet.
+    /// An audience of this number of places, whose reaches are unknown.
     pub fn new(places: usize) -> Self {
         Self {
             reaches: vec![Reach::default(); places],
@@ -97,7 +98,7 @@ impl Audience {
         }
     }
 
-    /// Takes the reach of a place anew if its version is another.
+    /// Updates the reach of a place if its version has changed.
     pub fn update(&mut self, place: usize, version: u32, reach: impl FnOnce() -> Reach) {
         if self.versions[place] == Some(version) {
             return;
@@ -114,7 +115,7 @@ impl Audience {
         self.indexed = false;
     }
 
-    /// The reach of a place may change by itself before the next frame comes.
+    /// Marks a place whose reach may change by itself before the next frame comes.
     pub fn disturb(&mut self, place: usize) {
         if !self.is_restless[place] {
             self.is_restless[place] = true;
@@ -122,28 +123,28 @@ impl Audience {
         }
     }
 
-    /// How many places have to be looked at before the next frame.
+    /// Number of places to check before the next frame.
     pub fn restless(&self) -> usize {
         self.restless.len()
     }
 
-    /// One of them.
+    /// One of these places.
     pub fn restless_place(&self, number: usize) -> usize {
         self.restless[number] as usize
     }
 
-    /// It has been looked at and is settled; the last one takes its number.
+    /// Unmarks a place that has settled; the last place takes its number.
     pub fn calm(&mut self, number: usize) {
         let place = self.restless.swap_remove(number);
         self.is_restless[place as usize] = false;
     }
 
-    /// Some place stops circulating frames: then every place sees every frame.
+    /// Whether a place stops circulating frames; every place then sees every frame.
     pub fn stops_circulating(&self) -> bool {
         self.stopping > 0
     }
 
-    /// One of the first `places` marks the source address of frames.
+    /// Whether one of the first `places` marks the source address of frames.
     pub fn marks_frames(&self, places: usize) -> bool {
         self.marking > 0 && self.reaches[..places].iter().any(|reach| reach.marks_frames)
     }
@@ -155,7 +156,8 @@ impl Audience {
             || reach.concerns(item.command, item.address_at(place), item.layout.header.len.into())
     }
 
-    /// Finds the audience of a frame: `None` is everybody, else [`Self::visit`] tells.
+    /// Finds the audience of a frame and returns its size; `None` means all places. [`Self::visit`]
+    /// returns its places.
     pub fn gather(&mut self, items: &[Item]) -> Option<usize> {
         if self.stopping > 0 || items.iter().any(Item::concerns_all) {
             return None;
@@ -173,7 +175,7 @@ impl Audience {
         Some(self.visits.len())
     }
 
-    /// A place of the audience, by its number in it.
+    /// A place of the audience, by its number in the audience.
     pub fn visit(&self, number: usize) -> usize {
         self.visits[number] as usize
     }

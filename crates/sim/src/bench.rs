@@ -1,4 +1,4 @@
-//! The judges' bench: hands what happens to the judges that it concerns.
+//! The judges' bench: passes each event to the judges that it concerns.
 
 use isocat_subdevice::{Chain, Step, SyncMode};
 use isocat_wire::time::{Device, Nanos, Picos, Time, True};
@@ -13,22 +13,22 @@ use crate::observation::{Content, Observation, Observed};
 use crate::segment::Segment;
 use crate::wiring::MainPort;
 
-/// What the judges are told about the intent of a run: never how it was planned.
+/// The intent of a run, as the judges know it: never how it was planned.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Intent {
-    /// The SubDevice whose clock leads; where that changes, the judges are told ([`Bench::led_by`]).
+    /// The reference clock's SubDevice. [`Bench::led_by`] tells changes.
     pub reference: usize,
-    /// When cyclic frames are to find the reference clock.
+    /// When cyclic frames should find the reference clock.
     pub send: Grid,
-    /// By SubDevice: when SYNC0 is to come; `None` where no SYNC0 was asked for.
+    /// By SubDevice: when SYNC0 should come; `None` if SYNC0 is not configured.
     pub sync0: Vec<Option<Grid>>,
-    /// By SubDevice: when the pulse is to come at which its outputs act, SYNC0 or SYNC1.
+    /// By SubDevice: when the pulse should come at which its outputs act, SYNC0 or SYNC1.
     pub acting: Vec<Option<Grid>>,
-    /// By SubDevice: when frames with its process data are to find the reference clock; `None`
-    /// where nobody knows, as with a MainDevice of others.
+    /// By SubDevice: when frames with its process data should find the reference clock; `None` if
+    /// unknown, as with a foreign MainDevice.
     pub exchange: Vec<Option<Grid>>,
-    /// By SubDevice: whether a local timer is to shift Input Latch (0x1C33:03). What is missing is
-    /// not shifted.
+    /// By SubDevice: whether a local timer should shift Input Latch (0x1C33:03). Missing entries
+    /// mean no shift.
     pub inputs_shifted: Vec<bool>,
     /// Largest SYNC0 error allowed.
     pub sync0_limit: Picos,
@@ -40,50 +40,49 @@ pub struct Intent {
 #[derive(Clone, Debug)]
 pub struct Bench {
     intent: Option<Intent>,
-    /// A clock leads. Without one there is no grid that anything could be off.
+    /// Whether a clock is the reference. Without one there is no grid to judge by.
     led: bool,
     devices: Vec<DeviceBench>,
     outputs_valid: OutputsValid,
     host_phase: Option<HostPhase>,
 }
 
-/// What the judges made of one event at a SubDevice.
+/// What the judges measured of one event at a SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Measured {
-    /// How far a SYNC0 edge was off the ideal grid of the reference clock: positive if late.
+    /// Distance of a SYNC0 edge from the ideal grid of the reference clock: positive if late.
     pub sync0_error: Option<Picos>,
-    /// From ready outputs to the pulse at which they act, by the SubDevice's own oscillator; negative where the pulse came
-    /// first.
+    /// Time from ready outputs to the pulse at which they act, by the SubDevice's own oscillator;
+    /// negative if the pulse came first.
     pub margin: Option<Nanos>,
 }
 
 /// The judges of one SubDevice.
 #[derive(Clone, Debug, Default)]
 pub struct DeviceBench {
-    /// SYNC0 edges; `None` where no SYNC0 was asked for.
+    /// SYNC0 edges; `None` if SYNC0 is not configured.
     pub sync0: Option<Sync0Error>,
     /// Pulses of SYNC0 and SYNC1 that made no edge.
     pub lost_pulses: LostPulses,
-    /// SM2 to SYNC0, and ready outputs to the pulse at which they act.
+    /// The times from SM2 to SYNC0, and from ready outputs to the pulse at which they act.
     pub margin: SyncMargin,
-    /// The acting pulse to valid outputs.
+    /// The time from the acting pulse to valid outputs.
     pub outputs_delay: OutputsDelay,
-    /// Outputs act in their cycle.
+    /// Whether outputs act in their cycle.
     pub outputs_cycle: OutputsCycle,
-    /// Inputs arrive in their cycle.
+    /// Whether inputs arrive in their cycle.
     pub inputs_cycle: InputsCycle,
     /// Missed SM events.
     pub missed: MissedEvents,
     /// All changes of state, from power-on.
     pub states: Vec<StateChange>,
-    /// Cycle to which the next outputs belong.
+    /// Cycle of the next outputs.
     cycle: Option<i64>,
-    /// What its process data are bound to, by the pulse.
+    /// The pulses to which its process data are bound.
     bounds: Bounds,
 }
 
-/// The first opportunities of a SubDevice's process data, SYNC0 and SYNC1; `None` where that is not
-/// known.
+/// The first opportunities of a SubDevice's process data, at SYNC0 and SYNC1; `None` if unknown.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bounds {
     outputs: [Option<Opportunity>; 2],
@@ -93,7 +92,7 @@ struct Bounds {
 impl Bounds {
     fn new(sync0: Option<Grid>, acting: Option<Grid>, exchange: Option<Grid>) -> Self {
         let Some(frames) = exchange else { return Self::default() };
-        // SYNC1 that lets outputs act comes once for each exchange.
+        // A SYNC1 at which outputs act comes once for each exchange.
         let sync1 = acting.map(|acting| Grid { cycle: frames.cycle, ..acting });
         let pulses = [sync0, sync1];
         Self {
@@ -110,12 +109,12 @@ pub struct StateChange {
     pub at: Time<True>,
     /// The new state.
     pub state: AlState,
-    /// Why.
+    /// The AL status code.
     pub code: AlStatusCode,
 }
 
 impl Bench {
-    /// Judges for `devices` SubDevices. Until [`Bench::begin`] only states are watched.
+    /// Judges for `devices` SubDevices. They only record states until [`Bench::begin`].
     pub fn new(devices: usize) -> Self {
         Self {
             intent: None,
@@ -126,7 +125,7 @@ impl Bench {
         }
     }
 
-    /// Begins to judge: the segment is said to be in operation.
+    /// Begins to judge: the segment is reported as in operation.
     pub fn begin(&mut self, intent: Intent) {
         for (position, device) in self.devices.iter_mut().enumerate() {
             let of = |grids: &[Option<Grid>]| grids.get(position).copied().flatten();
@@ -145,7 +144,7 @@ impl Bench {
         (self.intent, self.led) = (Some(intent), true);
     }
 
-    /// Another clock leads from now on, or none: the time is that of the clock that leads.
+    /// Changes the reference clock, or removes it; system time is that of the reference clock.
     pub fn led_by(&mut self, reference: Option<usize>) {
         self.led = reference.is_some();
         if let (Some(intent), Some(reference)) = (&mut self.intent, reference) {
@@ -153,12 +152,12 @@ impl Bench {
         }
     }
 
-    /// The SubDevice whose clock leads; `None` where none does, and before the judging begins.
+    /// The SubDevice of the reference clock; `None` without one, and before judging begins.
     pub fn leader(&self) -> Option<usize> {
         self.intent.as_ref().filter(|_| self.led).map(|intent| intent.reference)
     }
 
-    /// The intent that is judged by; `None` before the judging begins.
+    /// The intent by which the bench judges; `None` before judging begins.
     pub fn intent(&self) -> Option<&Intent> {
         self.intent.as_ref()
     }
@@ -175,7 +174,7 @@ impl Bench {
         self.host_phase.as_ref()
     }
 
-    /// A frame has passed the segment whose first bit left the MainDevice at `start`.
+    /// Takes a frame that passed the segment; its first bit left the MainDevice at `start`.
     pub fn frame(&mut self, segment: &Segment, bytes: &[u8], start: Time<True>) {
         let (Some(intent), Some(judge)) = (&self.intent, &mut self.host_phase) else { return };
         if !is_cyclic(bytes) || !leads(self.led, intent, segment) {
@@ -188,7 +187,7 @@ impl Bench {
         }
     }
 
-    /// Something happened at a SubDevice; gives what was measured with it.
+    /// Takes an event at a SubDevice; returns what was measured of it.
     pub fn observe(&mut self, segment: &Segment, observation: &Observation) -> Measured {
         let Observation { device: index, device_at, event, .. } = *observation;
         let true_time = || segment.devices()[index].oscillator().when(device_at);
@@ -199,7 +198,7 @@ impl Bench {
         let mut measured = Measured::default();
         let Some(intent) = &self.intent else { return measured };
         let acted = device.follow(intent, segment, observation);
-        // A SubDevice that is not asked for SYNC0 has no times to keep.
+        // A SubDevice without SYNC0 has no timing to judge.
         if device.sync0.is_none() && !matches!(event, Observed::SmEventMissed(_)) {
             return measured;
         }
@@ -239,7 +238,7 @@ impl Bench {
                 }
             }
             Observed::Began(Step::OutputsValid) => {
-                // With subordinated cycles the first time counts; later ones act again.
+                // With subordinated cycles only the first time counts; later ones act again.
                 if let Some(cycle) = device.cycle.take() {
                     let at = acted.unwrap_or_else(true_time);
                     device.outputs_delay.valid(at);
@@ -253,7 +252,7 @@ impl Bench {
 }
 
 impl DeviceBench {
-    /// Follows process data by their content; gives when outputs acted.
+    /// Follows process data by their content; returns when outputs acted.
     fn follow(
         &mut self,
         intent: &Intent,
@@ -331,8 +330,8 @@ impl DeviceBench {
     }
 }
 
-/// Inputs that a frame fetched whose last bit passed a SubDevice at `device_at`; `None` if nobody
-/// knows which, or if the frame has no way back.
+/// The inputs that were fetched by a frame whose last bit passed a SubDevice at `device_at`. `None`
+/// if they are unknown, or if the frame has no way back.
 fn fetched(
     segment: &Segment,
     index: usize,
@@ -344,7 +343,7 @@ fn fetched(
     }
     let way = [MainPort::Primary, MainPort::Secondary].into_iter().find_map(|port| {
         let path = segment.path_from(port);
-        // Most segments are lines, where places are positions.
+        // Most segments are lines, in which places are positions.
         let entry = path.entries.get(index).filter(|entry| entry.device == index);
         let entry = entry.or_else(|| path.entries.iter().find(|entry| entry.device == index))?;
         Some(path.round_trip - entry.after)
@@ -357,13 +356,13 @@ fn fetched(
     })
 }
 
-/// Whether there is a clock that leads: one that has lost its power shows a time without meaning.
+/// Whether there is a reference clock with power: without power it shows a meaningless time.
 fn leads(led: bool, intent: &Intent, segment: &Segment) -> bool {
     led && segment.devices()[intent.reference].is_powered()
 }
 
-/// The pulse whose first occasion outputs are for: with subordinated cycles each SYNC0, if the
-/// application runs at each.
+/// The pulse that is the first occasion of outputs. With subordinated cycles this is each SYNC0, if
+/// the application runs at each.
 fn pulse_of_outputs(chain: &Chain) -> Observed {
     match chain.mode {
         SyncMode::DcSubordinated if !chain.application_on_sync1 => Observed::Sync0,
@@ -371,8 +370,8 @@ fn pulse_of_outputs(chain: &Chain) -> Observed {
     }
 }
 
-/// The pulse to which inputs belong: with subordinated cycles a SYNC0, the last one before SYNC1.
-/// Where SYNC1 is a shift of Input Latch behind SYNC0, they belong to that SYNC0.
+/// The pulse to which inputs belong. With subordinated cycles this is the last SYNC0 before SYNC1.
+/// If SYNC1 is a shift of Input Latch after SYNC0, it is that SYNC0.
 fn pulse_of_inputs(chain: &Chain) -> Observed {
     match chain.mode {
         SyncMode::DcSubordinated => Observed::Sync0,
@@ -380,7 +379,7 @@ fn pulse_of_inputs(chain: &Chain) -> Observed {
     }
 }
 
-/// The pulse at which outputs act, by what the SubDevice is bound to.
+/// The pulse at which outputs act, by the SubDevice's mode.
 fn acting(chain: &Chain) -> Observed {
     let at_sync1 = match chain.mode {
         SyncMode::DcSync1 | SyncMode::DcSubordinated => true,
@@ -390,8 +389,8 @@ fn acting(chain: &Chain) -> Observed {
     if at_sync1 { Observed::Sync1 } else { Observed::Sync0 }
 }
 
-/// A frame whose first datagram distributes the system time and that brings more, as the cyclic ones do; those that lead
-/// a clock that joins are alone.
+/// Whether a frame is cyclic: its first datagram distributes the system time, and it has further
+/// datagrams. Frames that control a joining clock have only one.
 pub fn is_cyclic(bytes: &[u8]) -> bool {
     let Ok(payload) = frame::payload(bytes) else { return false };
     let mut datagrams = isocat_wire::datagram::datagrams(payload);

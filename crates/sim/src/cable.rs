@@ -1,12 +1,12 @@
-//! Cables and the PHYs at their ends: how long signals take, and how long it takes to notice that
-//! they have gone.
+//! Cables and the PHYs at their ends: the delays of signals, and the time until a lost signal is
+//! noticed.
 
 use isocat_wire::time::Picos;
 
 /// Signal speed on a cable: 5 ns per metre.
 pub(crate) const PICOS_PER_MILLIMETRE: i64 = 5;
 
-/// Which way along a cable, as its ends were named: from the MainDevice outwards, or back.
+/// Direction along a cable, by the order in which its ends were named.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Direction {
     /// Away from the MainDevice's primary port.
@@ -15,29 +15,29 @@ pub enum Direction {
     Back,
 }
 
-/// A cable. Its two pairs of wires need not be equally long: no measurement from outside can tell,
-/// so that half of the difference becomes an error of every measured delay.
+/// A cable. Its two pairs of wires need not be equally long. No measurement from outside shows the
+/// difference, so half of it becomes an error of every measured delay.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Cable {
-    /// From transmitter to receiver, away from the MainDevice.
+    /// Delay from transmitter to receiver, away from the MainDevice.
     pub out: Picos,
-    /// From transmitter to receiver, towards the MainDevice.
+    /// Delay from transmitter to receiver, towards the MainDevice.
     pub back: Picos,
-    /// From the cut until both ESCs know: setting. Default 15 us, as enhanced link detection needs about
-    /// ten broken symbols or frames; a PHY without it may take milliseconds.
+    /// Setting: time from the cut until both ESCs notice it. Default 15 us, since enhanced link
+    /// detection needs about ten broken symbols or frames; a PHY without it may take milliseconds.
     pub link_loss: Picos,
-    /// From plugging in until both ESCs have a link: setting. Default 300 ms; negotiation of 100BASE-TX
-    /// takes between some 100 ms and 3 s, EBUS some microseconds.
+    /// Setting: time from plugging in until both ESCs have a link. Default 300 ms; negotiation of
+    /// 100BASE-TX takes between some 100 ms and 3 s, EBUS some microseconds.
     pub link_gain: Picos,
 }
 
 impl Cable {
-    /// A cable of this length, mm, 5 ns per metre, both ways alike.
+    /// A cable of this length, mm, with 5 ns per metre in both directions.
     pub const fn of_length(mm: u64) -> Self {
         Self::with_speed(mm, 1_000 * PICOS_PER_MILLIMETRE)
     }
 
-    /// A cable of this length, mm, with a speed of its own, ps per metre.
+    /// A cable of this length, mm, with a given signal delay, ps per metre.
     pub const fn with_speed(mm: u64, picos_per_metre: i64) -> Self {
         let delay = Picos(mm as i64 * picos_per_metre / 1_000);
         Self {
@@ -48,8 +48,8 @@ impl Cable {
         }
     }
 
-    /// The same cable whose way out is longer than its way back by `difference`; the mean stays. Neither
-    /// way gets shorter than zero.
+    /// The same cable with a way out that is longer than its way back by `difference`; the mean
+    /// stays unchanged. Neither way becomes shorter than zero.
     pub fn with_asymmetry(self, difference: Picos) -> Self {
         let half = difference.0 / 2;
         let out = Picos((self.out.0 + half).max(0));
@@ -75,14 +75,14 @@ impl Default for Cable {
 /// The PHY of a port. An EBUS port has none: both delays are zero.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Phy {
-    /// From the ESC to the cable.
+    /// Delay from the ESC to the cable.
     pub transmit: Picos,
-    /// From the cable to the ESC.
+    /// Delay from the cable to the ESC.
     pub receive: Picos,
 }
 
 impl Phy {
-    /// A PHY that takes the same time both ways.
+    /// A PHY with the same delay in both directions.
     pub(crate) const fn symmetric(delay: Picos) -> Self {
         Self { transmit: delay, receive: delay }
     }

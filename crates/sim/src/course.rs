@@ -1,9 +1,9 @@
-//! When each SubDevice was in sync and when it was not, over the whole time: for who expects something of a run with
-//! faults in it.
+//! Records when each SubDevice was in sync and when it was not, over the whole run, for
+//! expectations of runs with faults.
 //!
-//! A SubDevice is out of sync from the first sign of it until signs have stopped for some cycles: while it is not in OP,
-//! where a SYNC0 edge is off its grid or stays away, where outputs were missed or came behind the pulse at which they
-//! were to act.
+//! A SubDevice is out of sync from the first sign of it until there were no signs for some cycles.
+//! Signs are: it is not in OP, a SYNC0 edge is off its grid or missing, outputs were missed or came
+//! after the pulse at which they should act.
 
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos, Time, True};
@@ -18,11 +18,11 @@ pub enum Sign {
     NotInOp,
     /// A SYNC0 edge was farther off its grid than allowed.
     Sync0Off,
-    /// No SYNC0 edge came for two of its cycles and more.
+    /// No SYNC0 edge came for more than two of its cycles.
     NoSync0,
     /// It missed the event of its outputs.
     MissedEvent,
-    /// Outputs were ready behind the pulse at which they were to act.
+    /// Outputs were ready after the pulse at which they should act.
     OutputsLate,
 }
 
@@ -31,13 +31,13 @@ pub enum Sign {
 pub struct Stretch {
     /// Position of the SubDevice.
     pub device: usize,
-    /// The first sign, and when it came.
+    /// The first sign; it came at `from`.
     pub sign: Sign,
-    /// When it came.
+    /// When the first sign came.
     pub from: Time<True>,
-    /// The last sign; in OP and without any from then on.
+    /// When the last sign came; from then on it was in OP without any sign.
     pub to: Time<True>,
-    /// It goes on as far as is known.
+    /// Whether it had not ended when the recording ended.
     pub open: bool,
 }
 
@@ -49,36 +49,37 @@ pub struct Course {
     devices: Vec<Place>,
     stretches: Vec<Stretch>,
     left_out: u64,
-    /// The largest SYNC0 error of each SubDevice, either way; `None` where no edge was measured.
+    /// The largest absolute SYNC0 error of each SubDevice; `None` if no edge was measured.
     worst: Vec<Option<Picos>>,
 }
 
-/// One SubDevice as it stands.
+/// The present state of one SubDevice.
 #[derive(Clone, Copy, Debug)]
 struct Place {
-    /// It has been in OP: one that may be absent is out of sync only once it has come.
+    /// Whether it has been in OP: a SubDevice that may be absent is judged only after it has come.
     takes_part: bool,
     in_op: bool,
-    /// Number of its stretch that goes on.
+    /// Number of its open stretch.
     stretch: Option<usize>,
-    /// Signs have stopped if none came for so long.
+    /// Time without a sign after which it is in sync again.
     quiet: Picos,
-    /// Cycle of its SYNC0; `None` where none was asked for.
+    /// Cycle of its SYNC0; `None` if SYNC0 is not configured.
     sync0: Option<Picos>,
     last_sync0: Time<True>,
-    /// When its outputs were stored last while it was in OP, and the longest pause after that in OP.
+    /// When its outputs were last stored while it was in OP, and the longest time in OP without new
+    /// ones.
     stored: Option<Time<True>>,
     stale: Picos,
 }
 
-/// Stretches that are remembered: the first ones.
+/// Most stretches that are kept: the first ones.
 const MOST_STRETCHES: usize = 10_000;
 /// Cycles without a sign after which a SubDevice is in sync again.
 const QUIET_CYCLES: i64 = 4;
 
 impl Course {
-    /// From `at` on all SubDevices that take part are in OP. Those that are not, as they may be absent, take part from when
-    /// they come.
+    /// A course that begins at `at`, when all SubDevices that take part are in OP. Those that are
+    /// not, as they may be absent, take part from the time at which they come.
     pub fn begin(at: Time<True>, intent: &Intent, states: impl Iterator<Item = AlState>) -> Self {
         let devices = states.enumerate().map(|(position, state)| {
             let (sync0, quiet) = pace(intent, position);
@@ -104,7 +105,8 @@ impl Course {
         }
     }
 
-    /// From `at` on SubDevices are bound to other cycles, as a MainDevice has written them anew while operation goes on.
+    /// From `at` on SubDevices have other cycles, because a MainDevice has written them during
+    /// operation.
     pub fn bind(&mut self, at: Time<True>, intent: &Intent) {
         self.limit = intent.sync0_limit;
         for (position, place) in self.devices.iter_mut().enumerate() {
@@ -116,7 +118,7 @@ impl Course {
         }
     }
 
-    /// Something happened at a SubDevice, and what the judges measured with it.
+    /// Takes an event at a SubDevice, and what the judges measured of it.
     pub fn observe(&mut self, device: usize, at: Time<True>, event: Observed, measured: &Measured) {
         let place = &mut self.devices[device];
         if !place.takes_part {
@@ -150,7 +152,7 @@ impl Course {
                 if was_in_op || !place.in_op {
                     sign = Some(Sign::NotInOp);
                 } else if let Some(number) = place.stretch {
-                    // It was out of sync up to here.
+                    // It was out of sync until now.
                     self.stretches[number].to = at;
                 }
             }
@@ -165,7 +167,7 @@ impl Course {
         }
     }
 
-    /// The time is over.
+    /// Ends the recording.
     pub fn end(&mut self, at: Time<True>) {
         for device in 0..self.devices.len() {
             let place = &mut self.devices[device];
@@ -213,12 +215,12 @@ impl Course {
         self.began
     }
 
-    /// The times in which SubDevices were not in sync, in the order of their beginning.
+    /// The times in which SubDevices were not in sync, in the order of their begin.
     pub fn stretches(&self) -> &[Stretch] {
         &self.stretches
     }
 
-    /// How many more there were than are remembered.
+    /// Number of further stretches that were not kept.
     pub fn left_out(&self) -> u64 {
         self.left_out
     }
@@ -232,12 +234,12 @@ impl Course {
         self.stretches.iter().filter(over)
     }
 
-    /// How many SubDevices there are.
+    /// Number of SubDevices.
     pub fn devices(&self) -> usize {
         self.devices.len()
     }
 
-    /// The largest SYNC0 error of a SubDevice; zero where there is no SYNC0.
+    /// The largest SYNC0 error of a SubDevice; zero without SYNC0.
     pub fn worst_sync0(&self, device: usize) -> Picos {
         self.measured_sync0(device).unwrap_or_default()
     }
@@ -247,14 +249,14 @@ impl Course {
         self.worst.get(device).copied().flatten()
     }
 
-    /// The longest time that a SubDevice was in OP with its outputs as they were, since they were stored last; zero where it
-    /// never had any.
+    /// The longest time for which a SubDevice was in OP without new outputs after the last ones
+    /// were stored; zero if it never had any.
     pub fn longest_stale(&self, device: usize) -> Picos {
         self.devices.get(device).map_or(Picos::ZERO, |place| place.stale)
     }
 }
 
-/// Cycle of the SYNC0 of a SubDevice, and how long it has to be without a sign to count as in sync again.
+/// Cycle of the SYNC0 of a SubDevice, and the time without a sign after which it is in sync again.
 fn pace(intent: &Intent, position: usize) -> (Option<Picos>, Picos) {
     let sync0 = intent.sync0.get(position).copied().flatten().map(|grid| grid.cycle);
     let cycle = sync0.map_or(intent.send.cycle, |cycle| cycle.max(intent.send.cycle));
@@ -271,7 +273,7 @@ impl Place {
         self.stored = Some(at);
     }
 
-    /// The outputs are as old as they are.
+    /// Records the present age of the outputs.
     fn note_pause(&mut self, at: Time<True>) {
         if let Some(stored) = self.stored {
             self.stale = self.stale.max(at - stored);

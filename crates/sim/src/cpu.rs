@@ -5,50 +5,50 @@ use isocat_wire::time::{Device, Nanos, Time};
 
 use crate::random::Stream;
 
-/// How long a SubDevice's CPU takes for what, in ns of its own oscillator.
+/// How long a SubDevice's CPU takes, in ns of its own oscillator.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CpuModel {
-    /// From an event to the answer of the main loop (state changes, mailbox).
+    /// Time from an event to the answer of the main loop (state changes, mailbox).
     pub reaction: Nanos,
-    /// From the SM2 event until outputs are copied and calculated, interrupt latency included: what
-    /// 0x1C32:06 should say.
+    /// Time from the SM2 event until outputs are copied and calculated, including interrupt
+    /// latency: the value that 0x1C32:06 should state.
     pub copy_outputs: Nanos,
-    /// The application's own work.
+    /// Time of the application's work.
     pub application: Nanos,
-    /// From Input Latch until inputs stand in the buffer: what 0x1C33:06 should say.
+    /// Time from Input Latch until inputs are in the buffer: the value that 0x1C33:06 should state.
     pub copy_inputs: Nanos,
-    /// Spread, peak to peak, with which the steps of an event begin: interrupts do not always come
-    /// through at once.
+    /// Spread, peak to peak, of the time at which the steps of an event begin: interrupts are
+    /// sometimes delayed.
     pub jitter: Nanos,
-    /// From a SYNC pulse until the program reads 0x098E (SYNC1: 0x098F), where its signal stays active until then: register
-    /// 0x0982 is 0. It spreads by [`CpuModel::jitter`] as the steps do.
+    /// Time from a SYNC pulse until the program reads 0x098E (SYNC1: 0x098F), if its signal stays
+    /// active until then: register 0x0982 is 0. It spreads by [`CpuModel::jitter`] like the steps.
     pub acknowledge: Nanos,
-    /// How uneven the times above are.
+    /// Variation of the times above.
     pub unevenness: Unevenness,
 }
 
-/// How a CPU's times vary from cycle to cycle. The default: not at all.
+/// How a CPU's times vary from cycle to cycle. By default they do not vary.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Unevenness {
-    /// Longest interrupt latency: from the SM2 event until the outputs are fetched; as a rule it is much
-    /// shorter. Part of the copy time, not added to it.
+    /// Longest interrupt latency: from the SM2 event until the outputs are fetched; it is usually
+    /// much shorter. It is part of the copy time, not added to it.
     pub latency: Nanos,
-    /// By how much copying and the application may be faster than their stated, longest time, in percent;
-    /// evenly spread.
+    /// How much faster than their stated, longest time copying and the application may be, in
+    /// percent, with a uniform distribution.
     pub variation: u8,
-    /// Now and then the application takes longer than it ever should.
+    /// Rare cycles in which the application takes longer than its longest time.
     pub overrun: Option<Overrun>,
-    /// Spread, peak to peak, of the local timer that shifts outputs and inputs, and of what else acts after a
-    /// delay.
+    /// Spread, peak to peak, of the local timer that shifts outputs and inputs, and of other
+    /// delayed actions.
     pub timer_jitter: Nanos,
 }
 
-/// An application that takes too long, at random.
+/// An application that takes too long in random cycles.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Overrun {
-    /// Once in so many cycles, on average.
+    /// It happens once in this number of cycles, on average.
     pub one_in: u32,
-    /// By so much.
+    /// The additional time.
     pub by: Nanos,
 }
 
@@ -66,10 +66,10 @@ impl Default for CpuModel {
     }
 }
 
-/// Something the CPU does at an instant.
+/// An action of the CPU at an instant.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Action {
-    /// A step ends. Stands first: what ends at an instant is done before what begins there.
+    /// A step ends. It is the first action: steps that end at an instant end before others begin.
     Finish(Step),
     /// A SYNC pulse is acknowledged.
     Acknowledge(Event),
@@ -84,9 +84,9 @@ pub enum Action {
 pub struct Times {
     list: [(Step, Time<Device>, Time<Device>); MAX_STEPS],
     len: usize,
-    /// When the pulse is acknowledged, if that is the program's to do.
+    /// When the program acknowledges the pulse, if it has to.
     acknowledge: Option<(Time<Device>, Event)>,
-    /// No step begins before those in front of it have ended.
+    /// Whether each step begins after those in front of it have ended.
     in_order: bool,
 }
 
@@ -99,22 +99,22 @@ impl Times {
         in_order: true,
     };
 
-    /// Forgets them.
+    /// Removes all steps.
     pub fn clear(&mut self) {
         (self.len, self.acknowledge, self.in_order) = (0, None, true);
     }
 
-    /// The steps in the order in which they are started, each with its beginning and its end.
+    /// The steps in the order of their start, each with its beginning and its end.
     pub fn as_slice(&self) -> &[(Step, Time<Device>, Time<Device>)] {
         &self.list[..self.len]
     }
 
-    /// Whether nothing is to be done.
+    /// Whether there is nothing to do.
     pub fn is_empty(&self) -> bool {
         self.len == 0 && self.acknowledge.is_none()
     }
 
-    /// Whether each step ends before the next one begins, and nothing else is to be done.
+    /// Whether each step ends before the next one begins, and there is nothing else to do.
     pub fn are_in_order(&self) -> bool {
         self.in_order && self.acknowledge.is_none()
     }
@@ -125,16 +125,16 @@ impl Times {
     }
 }
 
-/// What a CPU is going to do.
+/// The planned actions of a CPU.
 #[derive(Clone, Debug)]
 pub struct Cpu {
     model: CpuModel,
-    /// Few at a time: steps of two overlapping cycles. Sorted by time from `done` on, soonest first;
-    /// what stands before is done.
+    /// A few actions: steps of two overlapping cycles. They are sorted by time from `done` on,
+    /// soonest first; earlier entries are done.
     agenda: Vec<(Time<Device>, Action)>,
     done: usize,
     polling: bool,
-    /// Its times are always the same.
+    /// Whether its times never vary.
     even: bool,
     jitter: Stream,
 }
@@ -146,25 +146,25 @@ impl Cpu {
         Self { model, agenda: Vec::with_capacity(16), done: 0, polling: false, even, jitter }
     }
 
-    /// How long it takes for what.
+    /// The times that it takes.
     pub fn model(&self) -> &CpuModel {
         &self.model
     }
 
-    /// It loses its power, and all that it was going to do.
+    /// Switches it off: all planned actions are dropped.
     pub fn power_off(&mut self) {
         self.agenda.clear();
         self.done = 0;
         self.polling = false;
     }
 
-    /// When it does something next.
+    /// When its next action is due.
     #[inline]
     pub fn next(&self) -> Time<Device> {
         self.agenda.get(self.done).map_or(Time::NEVER, |(at, _)| *at)
     }
 
-    /// Takes the next thing to do.
+    /// Takes the next action.
     pub fn pop(&mut self) -> Option<(Time<Device>, Action)> {
         let next = *self.agenda.get(self.done)?;
         self.done += 1;
@@ -178,7 +178,7 @@ impl Cpu {
         Some(next)
     }
 
-    /// Has the main loop run soon after an event at `at`.
+    /// Lets the main loop run soon after an event at `at`.
     pub fn wake(&mut self, at: Time<Device>) {
         if !self.polling {
             self.polling = true;
@@ -186,17 +186,17 @@ impl Cpu {
         }
     }
 
-    /// Starts the steps of an event at `at`. Steps of the CPU run one after another; what the hardware
-    /// does happens at its own instant. `pulse`: the SYNC pulse that has to be acknowledged besides; it wakes the same
-    /// interrupt, so it is as late as the steps.
+    /// Starts the steps of an event at `at`. Steps of the CPU run one after another; actions of the
+    /// hardware happen at their own instant. `pulse` is a SYNC pulse that must also be
+    /// acknowledged; it causes the same interrupt, so it is as late as the steps.
     pub fn start(&mut self, at: Time<Device>, steps: &Steps, pulse: Option<Event>) {
         let mut times = Times::NONE;
         self.times(at, steps, pulse, &mut times);
         self.put(&times, 0);
     }
 
-    /// When the steps of an event at `at` begin and end, as [`start`](Self::start) would start them. Each has to be asked
-    /// for once: what varies is drawn.
+    /// When the steps of an event at `at` begin and end, as [`start`](Self::start) would start
+    /// them. Call this only once for each event, since variations are drawn.
     pub fn times(
         &mut self,
         at: Time<Device>,
@@ -210,7 +210,7 @@ impl Cpu {
         }
         let of = |(step, _): &(Step, Nanos)| *step == Step::MapOutputs;
         let synchronized = !steps.as_slice().iter().any(of);
-        // The copy time of the outputs is the longest that the device needs: nothing is added to it.
+        // The copy time of the outputs is already the longest, so no jitter is added to it.
         let is_late = (synchronized || pulse.is_some()) && !self.even;
         let late = if is_late { self.jitter.up_to(self.model.jitter.0.max(0) as u64) } else { 0 };
         let late = Nanos(late as i64);
@@ -233,7 +233,7 @@ impl Cpu {
                     end
                 }
                 Step::Application => begin + self.varied(self.model.application) + self.overrun(),
-                // Counted from the latch, so the application's work in between is part of it.
+                // It counts from the latch, so it includes the application's work in between.
                 Step::MapInputs => begin.max(latched + self.varied(self.model.copy_inputs)),
                 Step::OutputsValid | Step::LatchInputs => begin,
             };
@@ -247,7 +247,8 @@ impl Cpu {
         times.len = steps.len();
     }
 
-    /// Puts steps on the agenda, from the one with number `from` on, and in front of the first one what acknowledges.
+    /// Puts the steps from number `from` on onto the agenda; the acknowledge comes before the first
+    /// one.
     pub fn put(&mut self, times: &Times, from: usize) {
         if let (0, Some((at, pulse))) = (from, times.acknowledge) {
             self.insert(at, Action::Acknowledge(pulse));
@@ -258,7 +259,7 @@ impl Cpu {
         }
     }
 
-    /// Puts the end of a step on the agenda that has begun.
+    /// Puts the end of a step that has begun onto the agenda.
     pub fn put_end(&mut self, step: Step, end: Time<Device>) {
         self.insert(end, Action::Finish(step));
     }
@@ -269,10 +270,10 @@ impl Cpu {
         self.agenda.is_empty()
     }
 
-    /// Between nothing and `most`.
+    /// A random time of at most `most`.
     #[inline]
     fn at_random(&mut self, most: Nanos) -> Nanos {
-        // Nothing is drawn where nothing varies: other figures stay as they were.
+        // Without variation nothing is drawn, so that other random numbers stay the same.
         match most.0 {
             1.. => Nanos(self.jitter.up_to(most.0 as u64) as i64),
             _ => Nanos::ZERO,
@@ -308,14 +309,14 @@ impl Cpu {
         }
     }
 
-    /// Inserts behind all that is due at the same instant, so that a step's beginning stands before its
-    /// end; but ends of earlier steps stand before beginnings of later ones by the order of insertion.
+    /// Inserts an action after all actions at the same instant, so that a step begins before it
+    /// ends. Ends of earlier steps come before beginnings of later ones by the order of insertion.
     fn insert(&mut self, at: Time<Device>, action: Action) {
         if self.agenda.len() == self.agenda.capacity() {
             self.agenda.drain(..self.done);
             self.done = 0;
         }
-        // Most come last: steps are started in the order in which they are due.
+        // Most actions belong at the end, since steps are started in the order of their due times.
         self.agenda.push((at, action));
         let mut place = self.agenda.len() - 1;
         while place > self.done && self.agenda[place - 1].0 > at {
@@ -356,7 +357,8 @@ mod tests {
         assert_eq!(cpu.next(), Time::new(110_000));
     }
 
-    /// Thousand cycles: nothing beyond the longest time, spread over what may vary, overruns as rare as asked.
+    /// In a thousand cycles no time exceeds the longest one, times vary over the allowed range, and
+    /// overruns have the given rate.
     #[test]
     fn uneven_times_stay_within_what_is_stated() {
         let unevenness = Unevenness {
@@ -396,7 +398,7 @@ mod tests {
         assert!((100_000..100_010).contains(&least) && (100_290..=100_300).contains(&most));
     }
 
-    /// With steps and without; as late as the steps, where the interrupt is late.
+    /// With and without steps; it is as late as the steps if the interrupt is late.
     #[test]
     fn a_pulse_is_acknowledged_in_its_time() {
         let mut steps = Steps::EMPTY;

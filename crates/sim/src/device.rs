@@ -17,30 +17,30 @@ use crate::plant::{Acted, Plant, PlantSetup};
 use crate::random::Stream;
 use crate::storage::Storage;
 
-/// Everything a SubDevice of a run is made of.
+/// The parts of a SubDevice of a run.
 pub struct DeviceSetup {
     /// Its ESC.
     pub chip: Chip,
-    /// Image of its EEPROM: one for all devices of a kind, copied when a device writes to its own.
+    /// Image of its EEPROM. Devices of one kind share it; a device that writes gets its own copy.
     pub sii: Arc<[u8]>,
-    /// What its stack must know.
+    /// The description for its stack.
     pub description: Description,
     /// Its application.
     pub application: Box<dyn Application + Send>,
     /// How fast its CPU is.
     pub cpu: CpuModel,
-    /// How its oscillator deviates from true time.
+    /// Deviation of its oscillator from true time.
     pub clock: ClockModel,
-    /// What its local time shows at power-on.
+    /// Its local time at power-on.
     pub local_time: Time<Local>,
 }
 
-/// A SubDevice in true time. It lives through its own events up to the instants at which the segment
-/// calls; between two frames nothing else can touch it.
+/// A SubDevice in true time. It processes its own events up to the instants at which the segment
+/// calls it; between two frames no other part can affect it.
 pub struct Device {
-    /// Nothing happens by itself before: see [`Self::touched`].
+    /// Nothing happens by itself before this time: see [`Self::touched`].
     quiet_until: Time<DeviceClock>,
-    /// When the stack wants to be called.
+    /// When the stack must be called.
     timeout: Time<DeviceClock>,
     /// Its ESC.
     pub esc: Esc<Storage>,
@@ -50,21 +50,21 @@ pub struct Device {
     cpu: Cpu,
     position: usize,
     state: (isocat_wire::AlState, isocat_wire::AlStatusCode),
-    /// The frame that passed last.
+    /// The last frame that passed.
     frame: Time<True>,
-    /// The frame that brought the outputs that were fetched last, and those that the application
-    /// has.
+    /// The frame that brought the outputs fetched last, and the frame of the outputs that the
+    /// application has.
     fetched: Time<True>,
     mapped: Time<True>,
     missed: u64,
-    /// SYNC pulses of its ESC that made no edge.
+    /// Number of SYNC pulses of its ESC that made no edge.
     without_edge: [u32; 2],
     ports_changed: bool,
     powered: bool,
     /// See [`Self::set_lane`].
     lane: bool,
     prepared: Prepared,
-    /// The steps that the event under way starts.
+    /// The steps that the present event starts.
     ready: Times,
 }
 
@@ -113,29 +113,30 @@ impl Device {
         }
     }
 
-    /// Whether regular operation takes the short way: the steps of an event one after another, where nothing comes between
-    /// them, and see [`Esc::set_lane`]. Nothing but the time that the simulation takes depends on it.
+    /// Sets whether regular operation takes the fast lane: the steps of an event are done one after
+    /// another if nothing comes between them; see also [`Esc::set_lane`]. Only the duration of the
+    /// simulation depends on it.
     pub(crate) fn set_lane(&mut self, on: bool) {
         self.lane = on;
         self.esc.set_lane(on);
     }
 
-    /// A machine hangs on it from now on.
+    /// Attaches a plant to it.
     pub(crate) fn attach(&mut self, setup: PlantSetup) {
         self.application().plant = Some(Plant::new(setup));
     }
 
-    /// The machine that hangs on it, for the SubDevice that comes in its place.
+    /// Moves its plant to the SubDevice that replaces it.
     pub(crate) fn hand_over_plant(&mut self, to: &mut Self) {
         to.application().plant = self.application().plant.take();
     }
 
-    /// What acted on its machine and was not taken yet, in order; nothing without one.
+    /// Takes the actions on its plant since the last call, in order; empty without a plant.
     pub(crate) fn take_acted(&mut self) -> impl Iterator<Item = Acted> + '_ {
         self.application().plant.iter_mut().flat_map(Plant::take_acted)
     }
 
-    /// What it does next to its machine, it does at this instant.
+    /// Tells its plant the time of the next action.
     #[inline]
     fn tell_time(&mut self, at: Time<DeviceClock>) {
         if self.stack.application_mut().plant.is_some() {
@@ -144,12 +145,12 @@ impl Device {
         }
     }
 
-    /// Whether it has power. Without, ESC and stack show what they will begin with.
+    /// Whether it has power. Without power, ESC and stack show their initial state.
     pub fn is_powered(&self) -> bool {
         self.powered
     }
 
-    /// Switches it off. Everything but its EEPROM is lost; its oscillator goes on, unseen.
+    /// Switches it off. Everything but its EEPROM is lost; its oscillator continues invisibly.
     pub(crate) fn power_off(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         self.powered = false;
         self.tell_time(at);
@@ -162,7 +163,7 @@ impl Device {
         self.quiet_until = Time::NEVER;
     }
 
-    /// Switches it on again: the local time begins at 0, as that of a chip does.
+    /// Switches it on again: the local time begins at 0, as in a real chip.
     pub(crate) fn power_on(&mut self, at: Time<DeviceClock>) {
         self.powered = true;
         self.esc.power_on(at, Time::ZERO);
@@ -170,17 +171,17 @@ impl Device {
         self.disturbed();
     }
 
-    /// Changes the speed of its oscillator, at instants that it has not lived through.
+    /// Changes the speed of its oscillator, from instants on that it has not processed.
     pub(crate) fn bend_clock(&mut self, bends: &[Bend]) {
         self.oscillator.bend(bends);
     }
 
-    /// Whether its memory acknowledges nothing.
+    /// Sets whether its EEPROM acknowledges no access.
     pub(crate) fn set_eeprom_dead(&mut self, dead: bool) {
         self.esc.set_eeprom_dead(dead);
     }
 
-    /// Does something wrong from now on, or no longer.
+    /// Begins or ends a misbehaviour.
     pub(crate) fn misbehave(&mut self, at: Time<DeviceClock>, how: Misbehaviour, begins: bool) {
         let at = self.behind_frame(at);
         let all = self.stack.misbehaviour_mut();
@@ -196,7 +197,7 @@ impl Device {
         self.disturbed();
     }
 
-    /// Its application can't go on.
+    /// Lets its application fail.
     pub(crate) fn fail(
         &mut self,
         at: Time<DeviceClock>,
@@ -214,13 +215,13 @@ impl Device {
         self.disturbed();
     }
 
-    /// Not before the frame that passed it last is over: up to there it has lived. Nor much later, or the next frame would come
-    /// before.
+    /// An instant that is not before the end of the last frame, up to which it has processed all
+    /// events. It is not much later either, since the next frame could come before it.
     fn behind_frame(&self, at: Time<DeviceClock>) -> Time<DeviceClock> {
         self.esc.last_frame().max(at)
     }
 
-    /// Writes a register as a frame would that nobody else sees.
+    /// Writes a register like a frame that only this SubDevice sees.
     pub(crate) fn write_register(
         &mut self,
         at: Time<DeviceClock>,
@@ -253,13 +254,13 @@ impl Device {
         self.ports_changed
     }
 
-    /// The loops of its ESC have been looked at.
+    /// Called after the loops of its ESC have been checked.
     pub(crate) fn clear_ports_changed(&mut self) {
         self.ports_changed = false;
     }
 
-    /// The ESC's system time at a point of true time, in ps: the counter's value at its last tick, and
-    /// what has passed since.
+    /// The ESC's system time at a point of true time, in ps: the counter's value at its last tick,
+    /// and what has passed since.
     pub fn system_time_ps(&self, at: Time<True>) -> i128 {
         let tick =
             Time::<DeviceClock>::new(self.oscillator.read::<DeviceClock>(at).count() / 10 * 10);
@@ -267,7 +268,7 @@ impl Device {
         i128::from(self.esc.system_time(tick).count()) * 1000 + i128::from(since.0)
     }
 
-    /// Lets everything happen that happens up to and including `limit`.
+    /// Processes all events up to and including `limit`.
     #[inline]
     pub fn advance(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         if self.quiet_until <= limit {
@@ -275,14 +276,14 @@ impl Device {
         }
     }
 
-    /// Whether nothing will happen by itself, however long nobody talks to it.
+    /// Whether nothing will happen by itself, even without any further frame.
     pub fn is_quiet(&self) -> bool {
         let timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
         self.cpu.next().min(self.esc.next_event()).min(timeout) == Time::NEVER
     }
 
-    /// Its ESC has seen a frame, whose first bit left the MainDevice at `frame`: something may be
-    /// due earlier than it was.
+    /// Called after its ESC has processed a frame whose first bit left the MainDevice at `frame`:
+    /// an event may be due earlier than before.
     pub(crate) fn touched(&mut self, frame: Time<True>) {
         debug_assert!(self.powered, "no frame gets to a SubDevice without power");
         self.frame = frame;
@@ -290,7 +291,8 @@ impl Device {
         self.quiet_until = self.quiet_until.min(self.esc.next_event());
     }
 
-    /// ESC or stack may have been changed from outside: everything is looked at anew.
+    /// Called after ESC or stack may have been changed from outside: all due times are computed
+    /// again.
     pub fn disturbed(&mut self) {
         if !self.powered {
             return;
@@ -325,7 +327,8 @@ impl Device {
         }
     }
 
-    /// Looks whether SYNC pulses were due whose signal was still active. No event of the ESC tells: there is no edge.
+    /// Checks whether SYNC pulses were due while their signal was still active. No event of the ESC
+    /// shows this, since there is no edge.
     fn look_for_lost_pulses(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         let now = self.esc.sync_pulses_without_edge();
         let before = std::mem::replace(&mut self.without_edge, now);
@@ -370,8 +373,8 @@ impl Device {
         self.report(at, Observed::Finished(step), content, watch);
     }
 
-    /// The lane: does the steps of the last event up to where something else is due, one after another. What is left then, or
-    /// all of them where they overlap others, goes on the agenda.
+    /// Does the steps of the last event one after another, up to the next other event. Remaining
+    /// steps, or all of them if they overlap others, go onto the agenda.
     fn do_ready(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         if !self.lane || !self.cpu.is_idle() || !self.ready.are_in_order() {
             return self.put_ready(0);
@@ -412,7 +415,7 @@ impl Device {
         self.ready.clear();
     }
 
-    /// A step that accesses nothing of the ESC, and that nothing else happens in.
+    /// Does a step that does not access the ESC and during which nothing else happens.
     #[inline(always)]
     fn apart(
         &mut self,
@@ -431,13 +434,13 @@ impl Device {
         self.esc.note_pdi(end);
     }
 
-    /// Puts the steps of the last event on the agenda, from one of them on.
+    /// Puts the steps of the last event onto the agenda, from number `from` on.
     fn put_ready(&mut self, from: usize) {
         self.cpu.put(&self.ready, from);
         self.ready.clear();
     }
 
-    /// A step has begun; gives the frame that brought the outputs that it is about.
+    /// Handles the start of a step; returns the frame that brought its outputs.
     #[inline]
     fn began(&mut self, at: Time<DeviceClock>, step: Step) -> Time<True> {
         match step {
@@ -459,7 +462,7 @@ impl Device {
         }
     }
 
-    /// A step has ended; gives the frame that brought the outputs that it is about.
+    /// Handles the end of a step; returns the frame that brought its outputs.
     fn finished(&mut self, step: Step) -> Time<True> {
         if step != Step::MapOutputs {
             return Time::ZERO;
@@ -548,7 +551,7 @@ impl Device {
         self.look(at, watch);
     }
 
-    /// Looks what the stack has changed, and reports it.
+    /// Finds changes of the stack, and reports them.
     #[inline]
     fn look(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
@@ -580,7 +583,7 @@ impl Device {
     }
 }
 
-/// The door to an ESC that nobody goes through.
+/// An ESC interface for a stack that must not access the ESC.
 struct Nowhere;
 
 impl Pdi for Nowhere {
@@ -592,15 +595,16 @@ impl Pdi for Nowhere {
     }
 }
 
-/// An application behind a pointer: devices of a segment have different ones. It notes what became
-/// of outputs, which only the stack decides, and hands them to the machine that they move.
+/// An application behind a pointer, since the devices of a segment have different ones. It notes
+/// when outputs were mapped and acted, which only the stack decides, and passes them to the plant
+/// that they move.
 pub struct BoxedApplication {
     application: Box<dyn Application + Send>,
-    /// Outputs have come to it since the last look.
+    /// Whether outputs were mapped since the last check.
     mapped: bool,
-    /// Its outputs have acted since the last look.
+    /// Whether its outputs acted since the last check.
     acted: bool,
-    /// The machine that its outputs move.
+    /// The plant that its outputs move.
     plant: Option<Plant>,
 }
 

@@ -1,10 +1,11 @@
-//! What happens to the wires of a segment while it runs: cables are pulled and plugged, SubDevices are switched
-//! off and on, bits tip over, frames get lost.
+//! Faults of the wires of a segment while it runs: cables are pulled and plugged, SubDevices are
+//! switched off and on, bits are flipped, frames are lost.
 //!
-//! A cable is two lines, one each way. A cut takes the signal of a line away at once; the ESC that listens at
-//! its end finds out when its link goes, and until then the other one sends into nothing. A line that is
-//! whole again carries frames as soon as its listener has a link. A pulled cable cuts both of its lines, and a
-//! SubDevice without power those of all its cables; each is whole again when nothing cuts it any more.
+//! A cable is two lines, one for each direction. A cut removes the signal of a line at once. The
+//! ESC at the receiving end notices it when its link is lost; until then the other ESC sends
+//! without effect. A line that is restored carries frames as soon as its receiver has a link. A
+//! pulled cable cuts both of its lines, and a SubDevice without power cuts those of all its cables.
+//! A line is whole again when it has no cause of a cut any more.
 
 use std::collections::BTreeMap;
 
@@ -15,20 +16,20 @@ use crate::cable::Direction;
 use crate::fault::frames::FrameFaults;
 use crate::wiring::{End, Wiring};
 
-/// A bit that tips over on a cable.
+/// A bit that is flipped on a cable.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct BitError {
     /// The cable.
     pub cable: usize,
-    /// The way along it.
+    /// The direction along it.
     pub direction: Direction,
-    /// It hits the first frame that sets out over the cable then or later.
+    /// It hits the first frame that enters the cable at this time or later.
     pub at: Time<True>,
-    /// Which bit of the frame, counted from the destination address; modulo its length.
+    /// Index of the bit in the frame, from the destination address on; modulo the frame's length.
     pub bit: usize,
 }
 
-/// One way along a cable.
+/// One direction of a cable.
 pub(crate) type Line = (usize, Direction);
 
 /// Both lines of a cable.
@@ -36,7 +37,7 @@ pub(crate) const fn lines(cable: usize) -> [Line; 2] {
     [(cable, Direction::Out), (cable, Direction::Back)]
 }
 
-/// Why a line carries nothing.
+/// Why a line carries no signal.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Cause {
     /// The cable is pulled.
@@ -49,10 +50,10 @@ pub(crate) enum Cause {
     NoPower(usize),
 }
 
-/// Something that happens to a SubDevice at an instant.
+/// A change of a SubDevice at an instant.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Notice {
-    /// When it does, or when its ESC knows.
+    /// When it happens, or when its ESC notices it.
     pub at: Time<True>,
     pub device: usize,
     pub change: Change,
@@ -60,7 +61,7 @@ pub(crate) struct Notice {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Change {
-    /// Its ESC notices that a link has come or gone.
+    /// Its ESC notices that a link was gained or lost.
     Link {
         line: Line,
         /// When the line was cut or restored.
@@ -68,44 +69,46 @@ pub(crate) enum Change {
         port: PortNumber,
         link: bool,
     },
-    /// It gets power, or loses it.
+    /// It gets or loses its power.
     Power(bool),
-    /// What it sends to the MainDevice gets there again, or no longer.
+    /// Its frames to the MainDevice arrive again, or no longer.
     Way,
 }
 
-/// All that happens to the cables and SubDevices of a segment.
+/// All faults of the cables and SubDevices of a segment.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Disturbances {
-    /// Every change of a line there was or will be, in the order of time: which, when, whole.
+    /// Every past or future change of a line, in the order of time: the line, when, and whether it
+    /// is whole.
     changes: Vec<(Line, Time<True>, bool)>,
-    /// What cuts each line after everything that has been told of it.
+    /// The cut of each line after all announced changes.
     cuts: BTreeMap<Line, Cut>,
-    /// By SubDevice: when it was switched last, and whether on.
+    /// By SubDevice: when it was last switched, and whether on.
     power: BTreeMap<usize, (Time<True>, bool)>,
-    /// What has not happened yet, in the order of time.
+    /// Changes that have not happened yet, in the order of time.
     notices: Vec<Notice>,
-    /// Breaks too short for any ESC to notice: from, to.
+    /// Cuts too short for any ESC to notice: start and end.
     unnoticed: Vec<(Time<True>, Time<True>)>,
     errors: Vec<BitError>,
-    /// What happens to frames on cables.
+    /// Faults of frames on cables.
     pub frames: FrameFaults,
 }
 
-/// What cuts a line.
+/// The cut of a line.
 #[derive(Clone, Debug, Default)]
 struct Cut {
     causes: Vec<Cause>,
-    /// When the last cause came or went.
+    /// When the last cause was added or removed.
     changed: Time<True>,
-    /// When it became a cut.
+    /// When the cut began.
     since: Time<True>,
-    /// A PHY at its end lost its power, so that the link is lost however short the cut is.
+    /// Whether a PHY at its end lost its power, so that even a short cut loses the link.
     unpowered: bool,
 }
 
 impl Disturbances {
-    /// A line gets a reason to carry nothing. Changes of one line must come in the order of time; panics otherwise.
+    /// Adds a cause to the cut of a line. Changes of one line must come in the order of time;
+    /// panics otherwise.
     pub fn cut(&mut self, wiring: &Wiring, line: Line, at: Time<True>, cause: Cause) {
         let cut = self.changed(line, at);
         if cut.causes.contains(&cause) {
@@ -120,7 +123,7 @@ impl Disturbances {
         }
     }
 
-    /// A reason goes away; with the last one, the line is whole again. Panics as [`Self::cut`] does.
+    /// Removes a cause; without any cause, the line is whole again. Panics as [`Self::cut`] does.
     pub fn restore(&mut self, wiring: &Wiring, line: Line, at: Time<True>, cause: Cause) {
         let cut = self.changed(line, at);
         let before = cut.causes.len();
@@ -131,14 +134,14 @@ impl Disturbances {
         }
     }
 
-    /// The last instant for which a change of a line or of a SubDevice's power was told.
+    /// The latest announced change of a line or of a SubDevice's power.
     pub fn latest_change(&self) -> Time<True> {
         let of_lines = self.cuts.values().map(|cut| cut.changed);
         let of_power = self.power.values().map(|(at, _)| *at);
         of_lines.chain(of_power).max().unwrap_or(Time::ZERO)
     }
 
-    /// Switches a SubDevice on or off, and with it all its cables. Panics if it was switched later.
+    /// Switches a SubDevice on or off, and all its cables with it. Panics if it was switched later.
     pub fn power(&mut self, wiring: &Wiring, device: usize, at: Time<True>, on: bool) {
         assert!(device < wiring.devices(), "there is no SubDevice {device} to switch");
         let (last, is_on) = self.power.get(&device).copied().unwrap_or((Time::ZERO, true));
@@ -147,7 +150,7 @@ impl Disturbances {
             return;
         }
         self.power.insert(device, (at, on));
-        // It stands before the notices of the links that follow from it.
+        // It comes before the notices of the links that follow from it.
         self.tell(Notice { at, device, change: Change::Power(on) });
         let ports = PortNumber::ALL.into_iter();
         let cables = ports.filter_map(|port| wiring.hop(End::Port(device, port)));
@@ -167,13 +170,14 @@ impl Disturbances {
         cut
     }
 
-    /// A line is cut, or whole again.
+    /// Cuts or restores a line.
     fn change(&mut self, wiring: &Wiring, line: Line, at: Time<True>, whole: bool) {
         let place = self.changes.partition_point(|(_, other, _)| *other <= at);
         self.changes.insert(place, (line, at, whole));
         let (since, unpowered) =
             self.cuts.get(&line).map_or((at, false), |cut| (cut.since, cut.unpowered));
-        // What was not noticed yet will not be, unless it is a loss that nothing can hide.
+        // A change that was not noticed yet never will be, unless it is a loss that cannot be
+        // hidden.
         let hidden = |notice: &Notice| match notice.change {
             Change::Link { line: other, link, .. } => {
                 other == line && notice.at > at && link != whole && !(whole && unpowered)
@@ -183,7 +187,7 @@ impl Disturbances {
         let pending = self.notices.len();
         self.notices.retain(|notice| !hidden(notice));
         if self.notices.len() < pending {
-            // It was too short for the ESC to notice.
+            // The cut was too short for the ESC to notice.
             if whole {
                 self.unnoticed.push((since, at));
             }
@@ -195,14 +199,14 @@ impl Disturbances {
             if direction == Direction::Out { (near, far) } else { (far, near) };
         let delay = if whole { properties.link_gain } else { properties.link_loss };
         let of_line = |notice: &&Notice| matches!(notice.change, Change::Link { line: other, .. } if other == line);
-        // Where links are gained sooner than lost, still behind the loss.
+        // If links are gained faster than lost, the gain still comes after the loss.
         let earliest = self.notices.iter().rfind(of_line).map_or(at, |notice| notice.at);
         match (listener, talker) {
             (End::Port(device, port), _) => {
                 let change = Change::Link { line, since: at, port, link: whole };
                 self.tell(Notice { at: (at + delay).max(earliest), device, change });
             }
-            // No ESC listens, but the way of frames is another.
+            // No ESC receives here, but the way of frames changes.
             (End::Main(_), End::Port(device, _)) => {
                 self.tell(Notice { at, device, change: Change::Way });
             }
@@ -215,13 +219,12 @@ impl Disturbances {
         self.notices.insert(place, notice);
     }
 
-    /// Lets a bit tip over.
+    /// Flips a bit.
     pub fn disturb(&mut self, error: BitError) {
         self.errors.push(error);
     }
 
-    /// Whether a frame that is on its way from `start` to `end` finds everything as the ESCs believe it
-    /// is.
+    /// Whether a frame that travels from `start` to `end` finds all links as the ESCs see them.
     pub fn are_quiet(&self, start: Time<True>, end: Time<True>) -> bool {
         let calm = |notice: &Notice| match notice.change {
             Change::Link { link: false, since, .. } => since > end,
@@ -233,8 +236,8 @@ impl Disturbances {
             && !self.frames.are_any()
     }
 
-    /// Whether a signal comes through from its first bit at `from` to its last at `to`. What ends at the
-    /// very instant of a cut has come through.
+    /// Whether a signal passes from its first bit at `from` to its last at `to`. A signal that ends
+    /// at the instant of a cut passes.
     pub fn carries(&self, line: Line, from: Time<True>, to: Time<True>) -> bool {
         let mut carries = true;
         for (_, at, plugged) in self.changes.iter().filter(|(other, ..)| *other == line) {
@@ -247,7 +250,7 @@ impl Disturbances {
         carries
     }
 
-    /// The next thing that has happened by `at`; to `device` alone, if one is given.
+    /// Takes the next change that has happened by `at`; only of `device`, if one is given.
     pub fn take_notice(&mut self, at: Time<True>, device: Option<usize>) -> Option<Notice> {
         let concerns = |notice: &&Notice| device.is_none_or(|device| device == notice.device);
         let due =
@@ -256,7 +259,7 @@ impl Disturbances {
         Some(due)
     }
 
-    /// The error that hits a frame that sets out at `at`.
+    /// Takes the error that hits a frame entering the cable at `at`.
     pub fn take_error(
         &mut self,
         cable: usize,

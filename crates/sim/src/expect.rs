@@ -1,7 +1,7 @@
-//! What is expected of a run, and whether it came so.
+//! Expectations of a run, and whether they are met.
 //!
-//! A run of the simulation and a segment that is served to a foreign MainDevice hand in the same [`Evidence`], and every
-//! [`Expectation`] is judged here, once for both.
+//! A run of the simulation and a segment that is served to a foreign MainDevice provide the same
+//! [`Evidence`], so every [`Expectation`] is judged by the same code.
 
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
@@ -11,121 +11,124 @@ use crate::finding::Finding;
 use crate::judge::plant::PlantJudge;
 use crate::plant_bench::PlantBench;
 
-/// Something that is expected of a run, judged in true time.
+/// An expectation of a run, judged in true time.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Expectation {
-    /// Whether nothing at all speaks against the run.
+    /// Whether the run is without any finding.
     InSync(bool),
-    /// All SubDevices are in sync at an instant. Cycles are not counted here: [`Moment::Cycle`] is never reached.
+    /// All SubDevices are in sync at an instant. Cycles are not counted here, so [`Moment::Cycle`]
+    /// is never reached.
     InSyncAt(When),
-    /// No SYNC0 edge is ever farther off its grid, of one SubDevice or of all.
+    /// No SYNC0 edge of the SubDevice is farther off its grid than the limit.
     WorstSync0 {
-        /// Position; `None`: all.
+        /// Position; `None`: all SubDevices.
         device: Option<usize>,
         /// The largest error.
         limit: Nanos,
     },
-    /// No load of a plant is ever farther from where it would be with punctual outputs, of one SubDevice's plant or of all.
+    /// No load of the SubDevice's plant is farther from its place with punctual outputs than the
+    /// limit.
     PlantDeviation {
-        /// Position; `None`: all.
+        /// Position; `None`: all plants.
         device: Option<usize>,
         /// The largest distance, nm.
         limit_nm: u64,
     },
-    /// All SubDevices are in sync again this long after the last fault ended (or began, if it has no end), and stay so.
+    /// All SubDevices are in sync again this long after the last fault ended (or began, if it has
+    /// no end), and stay in sync.
     RecoversWithin(Nanos),
-    /// No SubDevice stays in OP for longer with outputs that no frame renews.
+    /// No SubDevice stays in OP for longer than this without new outputs.
     SafeWithin(Nanos),
-    /// The first finding that is about a SubDevice is about this one.
+    /// The first finding about a SubDevice is about this one.
     Blames(usize),
 }
 
-/// What was found.
+/// The result of a judgement.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Found {
-    /// It is as expected and there is no more to say.
+    /// The run is as expected, without further details.
     AsExpected,
-    /// So many findings.
+    /// Number of findings.
     Findings(usize),
-    /// A SubDevice was not in sync then.
+    /// A SubDevice was not in sync at that time.
     OutOfSync(Stretch),
     /// A SYNC0 edge of a SubDevice was this far off.
     Sync0 {
         /// Position.
         device: usize,
-        /// How far.
+        /// The error.
         error: Picos,
     },
-    /// The load of a SubDevice's plant was this far from where it would have been.
+    /// The load of a SubDevice's plant was this far from its place with punctual outputs.
     Deviation {
         /// Position.
         device: usize,
-        /// How far, nm.
+        /// The distance, nm.
         nm: u64,
     },
-    /// All were in sync again after so long, counted from the last fault.
+    /// Time from the last fault until all were in sync again.
     Recovered(Picos),
     /// Outputs of a SubDevice in OP were this old.
     Stale {
         /// Position.
         device: usize,
-        /// How old.
+        /// Age of the outputs.
         age: Picos,
     },
     /// The first finding is about this SubDevice, if it is about any.
     Blamed(Option<usize>),
     /// The segment did not come into operation.
     NeverInOperation,
-    /// The run ended before it could be seen.
+    /// The run ended before the judgement was possible.
     RunEnded,
     /// The instant was before operation.
     BeforeOperation,
-    /// No SYNC0 edge was measured: there is nothing to judge.
+    /// No SYNC0 edge was measured, so there is nothing to judge.
     NoEdge,
-    /// There is no plant that could deviate.
+    /// There is no plant.
     NoPlant,
-    /// No fault that was planned can happen here: there is nothing to recover from.
+    /// No planned fault can happen here, so there is nothing to recover from.
     NoFault,
-    /// What was found first is no longer remembered.
+    /// The first findings are no longer kept.
     Forgotten,
 }
 
-/// An expectation and what became of it.
+/// An expectation and its result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Judgement {
-    /// What was expected.
+    /// The expectation.
     pub expectation: Expectation,
-    /// Whether it came so.
+    /// Whether it is met.
     pub met: bool,
-    /// What was found.
+    /// The reason.
     pub found: Found,
 }
 
 impl Judgement {
-    /// Whether there was anything to judge by. Where there was not, it is not met either.
+    /// Whether there was data to judge by. Without data it is not met.
     pub fn is_judged(&self) -> bool {
         !matches!(self.found, Found::NoEdge | Found::NoFault | Found::NoPlant | Found::Forgotten)
     }
 }
 
-/// What expectations are held against.
+/// The data by which expectations are judged.
 pub struct Evidence<'a> {
     /// The course of the run; `None`: it never came into operation.
     pub course: Option<&'a Course>,
-    /// The judges of plants; `None`: there are no plants, as in a served segment.
+    /// The judges of plants; `None` without plants, as in a served segment.
     pub plants: Option<&'a PlantBench>,
     /// When the judged time ended.
     pub end: Time<True>,
-    /// What speaks against the run, in the order of time.
+    /// The findings about the run, in the order of time.
     pub findings: &'a [Finding],
-    /// The faults that began and ended by then.
+    /// The faults that began or ended by then.
     pub happened: Vec<&'a Happened>,
-    /// Whether a fault that was planned did not begin by then.
+    /// Whether a planned fault did not begin by then.
     pub is_to_come: bool,
 }
 
 impl Expectation {
-    /// Whether it came so.
+    /// Judges the expectation.
     pub fn judge(self, evidence: &Evidence<'_>) -> Judgement {
         let (met, found) = self.look(evidence);
         Judgement { expectation: self, met, found }
@@ -196,7 +199,7 @@ fn plant_deviation(
     let Some(plants) = plants else { return (false, Found::NoPlant) };
     let judges = plants.judges().iter();
     let meant = judges.filter(|judge| device.is_none_or(|device| judge.setup().device == device));
-    // Rounded up: what is 0 was never seen to deviate at all. What is no number is as far as can be.
+    // Rounded up, so that 0 means no deviation at all. A NaN counts as the largest distance.
     let nm = |judge: &PlantJudge| match judge.figures().deviation.largest {
         um if um.is_nan() => u64::MAX,
         um => (um * 1_000.0).ceil() as u64,
@@ -216,7 +219,7 @@ fn recovers_within(limit: Nanos, course: &Course, evidence: &Evidence<'_>) -> (b
     let last = evidence.happened.iter().map(|happened| happened.at).max();
     let last = last.unwrap_or(course.began()).max(course.began());
     let until = last + Picos::from(limit);
-    // Where many stretches were left out, nobody knows when the last one ended.
+    // If stretches were left out, the end of the last one is unknown.
     let late = course.stretches().iter().find(|stretch| stretch.open || stretch.to > until);
     if let Some(stretch) = late {
         return (false, Found::OutOfSync(*stretch));
@@ -247,7 +250,7 @@ mod tests {
 
     const MS: u64 = 1_000_000_000;
 
-    /// In operation since 100 ms, with a missed event at each of these ms; ended at 2 s.
+    /// In operation since 100 ms, with a missed event at each of these times, ms; ended at 2 s.
     fn course(missed: &[u64]) -> Course {
         let grid = Grid { cycle: Nanos::millis(1), phase: Nanos::ZERO };
         let intent = Intent {
@@ -300,7 +303,7 @@ mod tests {
             met(Expectation::RecoversWithin(Nanos::millis(ms)), &course, faults)
         };
         assert!(within(40, &[300, 500]) && !within(39, &[300, 500]));
-        // Nobody sees what comes behind the end of the run.
+        // Faults and signs after the end of the run are unknown.
         assert!(within(1_500, &[500]) && !within(1_501, &[500]));
     }
 

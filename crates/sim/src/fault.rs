@@ -1,10 +1,11 @@
-//! What can go wrong, as data: the one language of faults of simulations, served segments, and whatever drives them.
+//! Faults as data: the common language of faults for simulations, served segments, and the code
+//! that drives them.
 //!
-//! A [`Fault`] says what happens, a [`Planned`] also when, how often, with what probability and for how long. A
-//! [`Timeline`] keeps what is planned in the order of time, and everything that chance decides comes
-//! from the seed of the run.
+//! A [`Fault`] is what happens; a [`Planned`] fault also has its time, number, probability and
+//! duration. A [`Timeline`] keeps the planned faults in the order of time. All random decisions
+//! come from the seed of the run.
 //!
-//! What becomes of frames is decided in `frames`; `happen` does the rest to a segment and the machine that leads it.
+//! `frames` decides about frames; `happen` applies the other faults to a segment and its host.
 
 use isocat_subdevice::Misbehaviour;
 use isocat_wire::datagram::Address;
@@ -21,31 +22,31 @@ mod words;
 
 pub use timeline::{Happened, Timeline};
 
-/// Something that goes wrong, or is put right.
+/// A fault, or its repair.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Fault {
     /// Frames are harmed.
     Frames(FrameFault),
-    /// A cable is pulled; that of a SubDevice's number is the one that leads to it, [`RING_CABLE`] the one that closes a
-    /// ring.
+    /// A cable is pulled. The number of a SubDevice names the cable that leads to it,
+    /// [`RING_CABLE`] the one that closes a ring.
     Pull {
         /// The cable.
         cable: usize,
     },
-    /// A cable is plugged in, and whatever of it was broken is mended.
+    /// A cable is plugged in, and all its broken lines are repaired.
     Plug {
         /// The cable.
         cable: usize,
     },
-    /// One way of a cable is broken: the ESC that listens at its end loses its link, the other one keeps it and sends into
-    /// nothing.
+    /// One direction of a cable is broken: the ESC at the receiving end loses its link, the other
+    /// one keeps it and sends without effect.
     BreakWay {
         /// The cable.
         cable: usize,
-        /// The way.
+        /// The direction.
         way: Direction,
     },
-    /// A cable is pulled and plugged in again and again.
+    /// A cable is pulled and plugged in repeatedly.
     Flap {
         /// The cable.
         cable: usize,
@@ -54,13 +55,13 @@ pub enum Fault {
         /// How long it is plugged in.
         on: Nanos,
     },
-    /// A cable is taken out, and one of another length is put in its place.
+    /// A cable is replaced by one of another length.
     Recable {
         /// The cable.
         cable: usize,
-        /// Length of the one that comes, mm.
+        /// Length of the new cable, mm.
         millimetres: u64,
-        /// How long there is none. Shorter than its ends need to notice, no link is lost.
+        /// Time without a cable. If it is shorter than the ends need to notice, no link is lost.
         takes: Nanos,
     },
     /// A SubDevice loses its power.
@@ -68,18 +69,18 @@ pub enum Fault {
         /// Position.
         device: usize,
     },
-    /// It has its power again.
+    /// A SubDevice gets its power again.
     PowerOn {
         /// Position.
         device: usize,
     },
-    /// A SubDevice is taken out, and another one is put in its place.
+    /// A SubDevice is replaced by another one.
     Replace {
         /// Position.
         device: usize,
-        /// Which of the spare SubDevices ([`Timeline::with_spares`]).
+        /// Index of the spare SubDevice ([`Timeline::with_spares`]).
         spare: usize,
-        /// How long nothing is there.
+        /// Time without any SubDevice in its place.
         takes: Nanos,
     },
     /// The EEPROM of a SubDevice does not answer its ESC.
@@ -87,160 +88,162 @@ pub enum Fault {
         /// Position.
         device: usize,
     },
-    /// A clock runs at another speed.
+    /// A clock changes its speed.
     Clock {
-        /// Whose clock.
+        /// The clock.
         whose: Whose,
-        /// How it changes.
+        /// The change.
         change: ClockChange,
     },
     /// The host's clock jumps ahead.
     ClockJump {
-        /// By how much.
+        /// The jump.
         by: Nanos,
     },
-    /// No program runs on the host: neither timers nor frames are seen.
+    /// No program runs on the host: timers and frames are not handled.
     Stall,
-    /// Programs on the host are woken late.
+    /// Programs on the host wake up late.
     LateWakeUps(LateHost),
-    /// Frames leave the host late, after the program's time stamp.
+    /// Frames leave the host later than the program's time stamp.
     SlowSends(LateHost),
     /// A SubDevice misbehaves.
     Misbehave {
         /// Position.
         device: usize,
-        /// What it does wrong.
+        /// The misbehaviour.
         how: Misbehaviour,
     },
-    /// The SYNC unit of a SubDevice is switched off: 0 is written to register 0x0981.
+    /// The SYNC unit of a SubDevice is switched off: register 0x0981 is set to 0.
     SyncOff {
         /// Position.
         device: usize,
     },
-    /// The application of a SubDevice can't go on: SAFEOP, or the state that it is in if that is lower, with this code.
+    /// The application of a SubDevice fails: it goes to SAFEOP, or stays in a lower state, with
+    /// this code.
     AlError {
         /// Position.
         device: usize,
         /// The code in register 0x0134.
         code: AlStatusCode,
     },
-    /// Another MainDevice sends at the same segment.
+    /// Another MainDevice sends to the same segment.
     SecondMaster {
-        /// What it sends.
+        /// The frames that it sends.
         sends: Foreign,
-        /// How often.
+        /// Time from one frame to the next.
         every: Nanos,
     },
-    /// All that is in force ends.
+    /// Ends all faults in force.
     Heal,
 }
 
-/// Stands for the cable that closes a ring wherever a fault names a cable by its number: faults are told before it is
-/// known how many SubDevices, and so how many other cables, there are.
+/// The number of the cable that closes a ring, in faults that name a cable. Faults are configured
+/// before the number of SubDevices, and so of cables, is known.
 pub const RING_CABLE: usize = usize::MAX;
 
-/// What happens to which frames.
+/// A fault of frames.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct FrameFault {
-    /// What.
+    /// What happens to them.
     pub harm: Harm,
     /// Which frames.
     pub which: Which,
-    /// On which way; `None`: either, by chance.
+    /// Direction; `None`: either, at random.
     pub way: Option<Direction>,
-    /// On the cable with this number; `None`: between the MainDevice and its port.
+    /// Number of the cable; `None`: between the MainDevice and its port.
     pub cable: Option<usize>,
 }
 
-/// What is done to a frame.
+/// What happens to a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Harm {
     /// It is lost.
     Lost,
-    /// A bit of it tips over: ESCs count it and the program never sees it.
+    /// One of its bits is flipped: ESCs count it, and the program does not receive it.
     Damaged,
-    /// It comes later.
+    /// It is delayed.
     Late {
-        /// By so much at least.
+        /// Least delay.
         least: Nanos,
-        /// By so much at most.
+        /// Largest delay.
         most: Nanos,
     },
-    /// It comes twice.
+    /// It arrives twice.
     Doubled,
 }
 
-/// Which frames are harmed.
+/// Which frames are hit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Which {
-    /// So many that come next.
+    /// This number of frames that come next.
     Next(u64),
-    /// By chance.
+    /// Random frames.
     Chance {
-        /// Probability, parts per million. 0 ends all faults of this harm, way and place that go by chance.
+        /// Probability, parts per million. 0 ends all random faults of the same kind, direction and
+        /// place.
         ppm: u32,
-        /// One that is hit takes the next ones with it: so many in all, from 1.
+        /// Number of successive frames that a hit affects, from 1.
         burst: u32,
     },
 }
 
-/// Whose clock.
+/// The clock that changes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Whose {
-    /// That of the host.
+    /// The host's clock.
     Host,
-    /// That of the SubDevice at this position.
+    /// The clock of the SubDevice at this position.
     Device(usize),
 }
 
-/// How the speed of a clock changes. Clocks stay within 1 % of true time, whatever is added up.
+/// How the speed of a clock changes. The sum of all changes stays within 1 % of true time.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ClockChange {
     /// At once.
     Step {
-        /// By how much, ppb.
+        /// Change of the speed, ppb.
         by_ppb: i64,
     },
-    /// Evenly, in [`RAMP_PIECES`](crate::oscillator::RAMP_PIECES) stairs.
+    /// Evenly, in [`RAMP_PIECES`](crate::oscillator::RAMP_PIECES) steps.
     Ramp {
-        /// By how much in all, ppb.
+        /// Change of the speed in all, ppb.
         by_ppb: i64,
-        /// In what time.
+        /// Duration.
         over: Nanos,
     },
     /// It wanders, for [`WALK_PIECES`](crate::oscillator::WALK_PIECES) intervals.
     Walk {
-        /// By so much at most from one interval to the next, ppb.
+        /// Largest change from one interval to the next, ppb.
         step_ppb: i64,
         /// Length of an interval.
         every: Nanos,
-        /// Never farther than this from where it began, ppb.
+        /// Largest distance from the initial speed, ppb.
         bound_ppb: i64,
     },
 }
 
-/// How late something on the host is.
+/// Random delays on the host.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct LateHost {
-    /// At least.
+    /// Least delay.
     pub least: Nanos,
-    /// At most.
+    /// Largest delay.
     pub most: Nanos,
     /// Probability, parts per million.
     pub ppm: u32,
 }
 
-/// What another MainDevice sends.
+/// Frames that another MainDevice sends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Foreign {
-    /// A broadcast read of AL status: it counts the SubDevices.
+    /// A broadcast read of AL status, which counts the SubDevices.
     Count,
-    /// A broadcast write to AL control: everybody to INIT.
+    /// A broadcast write to AL control, which requests INIT of all SubDevices.
     Init,
 }
 
 impl Foreign {
-    /// Writes the frame; gives its length.
+    /// Writes the frame; returns its length.
     pub(crate) fn write(self, buffer: &mut [u8]) -> usize {
         let mut frame = FrameWriter::new(buffer, FOREIGN_SOURCE);
         let (control, status) = (register::AL_CONTROL.address, register::AL_STATUS.address);
@@ -257,49 +260,49 @@ impl Foreign {
     }
 }
 
-/// Source address of the other MainDevice: a globally administered one of nobody.
+/// Source address of the other MainDevice: a globally administered address that no device has.
 const FOREIGN_SOURCE: [u8; 6] = [0x00, 0x00, 0x5E, 0x00, 0x53, 0x01];
 const FOREIGN_INDEX: u8 = 0x5A;
 
-/// When something happens.
+/// The time of a fault.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum When {
-    /// After the segment was switched on.
+    /// This time after the segment was switched on.
     At(Nanos),
-    /// Some time after the MainDevice came to a point of its work.
+    /// This time after the MainDevice reached a moment.
     After(Moment, Nanos),
 }
 
-/// A point of the MainDevice's work. Each comes once.
+/// A moment of the MainDevice's work. Each is reached once.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Moment {
     /// All SubDevices that take part are in OP.
     InOperation,
-    /// So many cycles are over.
+    /// This number of cycles is complete.
     Cycle(u64),
 }
 
-/// A fault, and when it happens.
+/// A fault, and its times.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Planned {
-    /// When, for the first time.
+    /// When it happens first.
     pub when: When,
-    /// Up to so much later, drawn each time.
+    /// Largest additional delay, drawn each time.
     pub within: Nanos,
-    /// Probability that it happens at all, parts per million, drawn each time.
+    /// Probability that it happens, parts per million, drawn each time.
     pub ppm: u32,
-    /// How often, from 1.
+    /// Number of times, from 1.
     pub times: u32,
-    /// From one time to the next.
+    /// Time from one occurrence to the next.
     pub every: Nanos,
-    /// How long it is in force each time; `None`: until the end, or until something else ends it.
+    /// Duration each time; `None`: until the end of the run, or until another fault ends it.
     pub lasts: Option<Nanos>,
-    /// What happens.
+    /// The fault.
     pub fault: Fault,
 }
 
 impl Planned {
-    /// It happens once and for good.
+    /// A fault that happens once, without an end.
     pub const fn once(when: When, fault: Fault) -> Self {
         let (within, every) = (Nanos::ZERO, Nanos::ZERO);
         Self { when, within, ppm: MILLION, times: 1, every, lasts: None, fault }
@@ -309,8 +312,8 @@ impl Planned {
 /// Certainty, in parts per million.
 pub const MILLION: u32 = 1_000_000;
 
-/// Whether it takes place on cables or at the power of SubDevices. Such things are told to the segment before their
-/// time: a frame on its way meets them where it is.
+/// Whether it concerns cables or the power of SubDevices. The segment must know such faults before
+/// their time, since a frame in flight meets them at its place.
 fn is_of_the_wire(fault: &Fault) -> bool {
     use Fault::*;
     matches!(
@@ -326,7 +329,7 @@ fn is_of_the_wire(fault: &Fault) -> bool {
 }
 
 impl Fault {
-    /// Whether it happens to the machine that leads the segment, and so only where that is simulated too.
+    /// Whether it happens to the MainDevice's host, so that it needs a simulated host.
     pub fn is_of_the_host(&self) -> bool {
         use Fault::*;
         let own = matches!(
@@ -336,7 +339,7 @@ impl Fault {
         own || matches!(self, Clock { whose: Whose::Host, .. })
     }
 
-    /// The cable that it is about, if it is about one.
+    /// The cable that it concerns, if any.
     pub fn cable(&self) -> Option<usize> {
         use Fault::*;
         match self {
@@ -350,7 +353,7 @@ impl Fault {
         }
     }
 
-    /// Whether it can be in force for a time and end.
+    /// Whether it can have a duration.
     pub fn can_end(&self) -> bool {
         use Fault::*;
         !matches!(

@@ -1,7 +1,9 @@
-//! What judges find: where, since when, and which kind with its figures. Sentences are made of it at the end, for people.
+//! Findings of judges: place, time, and a kind with its figures. The sentences for people are made
+//! from them at the end.
 //!
-//! Runs in virtual time, runs on a real interface and served segments are judged in the same kinds. Each judge finds those
-//! that it can see: nothing on a real wire is measured in true time, and a simulated host has no interface.
+//! Runs in virtual time, runs on a real interface and served segments are judged in the same kinds.
+//! Each judge reports the kinds that it can measure: on a real wire nothing is measured in true
+//! time, and a simulated host has no interface.
 
 use isocat_esc::Esc;
 use isocat_maindevice::kind::{Description, Figures};
@@ -11,23 +13,23 @@ use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress, register};
 
 use crate::judge::{Late, LostPulses};
 
-/// Something that keeps the segment from being in sync.
+/// A condition that keeps the segment from being in sync.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Finding {
-    /// Where.
+    /// The place.
     pub place: Place,
-    /// Since when, counted from the beginning of the judged time; `None`: from its beginning, or that is not known.
+    /// Since when, counted from the start of the judged time; `None`: from its start, or unknown.
     pub since: Option<Nanos>,
-    /// What, with its figures.
+    /// The kind with its figures.
     pub kind: Kind,
 }
 
-/// Where something was found.
+/// The place of a finding.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Place {
-    /// Position of the SubDevice; `None` concerns the segment.
+    /// Position of the SubDevice; `None`: the finding concerns the segment.
     pub device: Option<usize>,
-    /// Stage of the way up; `None` in operation.
+    /// Stage of the bring-up; `None` in operation.
     pub stage: Option<Stage>,
 }
 
@@ -42,61 +44,61 @@ impl Place {
 }
 
 kinds! {
-    /// What judges find; changes of the segment are kinds of their own, [`Kind::Change`].
+    /// Findings of judges. Changes of the segment have separate kinds, [`Kind::Change`].
     #[derive(Clone, PartialEq, Eq, Debug)]
     pub enum Judged {
-        /// The way up failed.
+        /// The bring-up failed.
         Failed = "failed" {
-            /// Which kind of failure; the sentence names place, expected and found.
+            /// Kind of the failure; the sentence names place, expected and found.
             cause: Cause,
-            /// Register 0x0134, if a state was refused or not reached; else null.
+            /// Register 0x0134, if a state was refused or not reached; otherwise null.
             code: Option<AlStatusCode>,
         },
         /// Not all SubDevices were in OP within the time allowed.
         TooLong = "bring-up-too-long",
         /// The run was ended by a signal before all SubDevices were in OP.
         EndedEarly = "ended-early",
-        /// Not one SubDevice answers on a real interface.
+        /// No SubDevice answers on a real interface.
         NothingAnswers = "nothing-answers" {
             /// The interface.
             interface: String,
-            /// Whether it has a carrier; null: not known.
+            /// Whether it has a carrier; null: unknown.
             carrier: Option<bool>,
-            /// Own frames that came back and no SubDevice had processed.
+            /// Own frames that came back without processing by a SubDevice.
             unprocessed: u64,
         },
-        /// Frames stopped coming back on a real interface.
+        /// Frames no longer come back on a real interface.
         Silence = "silence" {
             /// The interface.
             interface: String,
-            /// Whether it has a carrier; null: not known.
+            /// Whether it has a carrier; null: unknown.
             carrier: Option<bool>,
         },
-        /// A command of a start-up list that another tool wrote (ENI) failed on the way up.
+        /// A command of a start-up list from another tool (ENI) failed during bring-up.
         CommandFailed = "command-failed" {
-            /// The command, and what happened.
+            /// The command, and the failure.
             what: String,
         },
         /// A real interface failed.
         InterfaceFailed = "interface-failed" {
-            /// What the operating system says.
+            /// The error of the operating system.
             error: String,
         },
-        /// Another number of SubDevices answers than at the scan.
+        /// The number of SubDevices that answer is not that of the scan.
         CountChanged = "count-changed" {
-            /// At the scan.
+            /// Number at the scan.
             expected: u16,
-            /// Now.
+            /// Number now.
             found: u16,
         },
-        /// The SubDevice left OP though it was not asked to.
+        /// The SubDevice left OP without a request.
         LeftOp = "left-op" {
             /// Register 0x0130.
             state: AlStatus,
             /// Register 0x0134.
             code: AlStatusCode,
         },
-        /// The SubDevice is in another state than OP at the end.
+        /// The SubDevice is not in OP at the end.
         NotInOp = "not-in-op" {
             /// Register 0x0130.
             state: AlStatus,
@@ -105,98 +107,100 @@ kinds! {
         },
         /// The SubDevice does not answer at the end.
         NoAnswer = "no-answer",
-        /// The pulse came before outputs were ready; without outputs, before inputs were read again.
+        /// The pulse came before outputs were ready; without outputs, before inputs were read
+        /// again.
         MissedEvents = "missed-events" {
-            /// How often.
+            /// Number of events.
             count: u64,
             /// Whether the SubDevice has outputs.
             outputs: bool,
         },
-        /// A SYNC0 pulse lay further off the grid of the reference clock than allowed.
+        /// A SYNC0 pulse was further off the grid of the reference clock than allowed.
         Sync0OffGrid = "sync0-off-grid" {
-            /// The first that was; positive: late.
+            /// Error of the first such pulse; positive: late.
             error: Picos,
             /// Largest error allowed.
             limit: Picos,
-            /// The largest of all errors, without its sign.
+            /// The largest absolute error.
             worst: Picos,
         },
-        /// Pulses of SYNC0 or SYNC1 were due while the signal was still active from the one before, and made no edge.
+        /// Pulses of SYNC0 or SYNC1 were due while the signal was still active from the previous
+        /// pulse, and made no edge.
         SyncStillActive = "sync-still-active" {
             /// Pulses of SYNC0 without an edge.
             sync0: u64,
             /// Pulses of SYNC1 without an edge.
             sync1: u64,
-            /// Whether the signal stays active until the SubDevice acknowledges it (0x0982 is 0); else the pulse is longer than
-            /// its cycle.
+            /// Whether the signal stays active until the SubDevice acknowledges it (0x0982 is 0);
+            /// otherwise the pulse is longer than its cycle.
             acknowledged: bool,
         },
-        /// SYNC0 was asked for and did not come once.
+        /// SYNC0 is configured but never came.
         NoSync0 = "no-sync0",
-        /// SYNC0 lies on the grid without any spread, which no clock that is steered can do: the measurement is wrong.
+        /// SYNC0 is on the grid without any spread, which is impossible for a controlled clock: the
+        /// measurement is wrong.
         Sync0WithoutSpread = "sync0-without-spread",
-        /// Outputs become valid at a distance from SYNC0 that varies too much.
+        /// The time from SYNC0 to valid outputs varies too much.
         OutputsUneven = "outputs-uneven" {
-            /// From the least to the largest distance.
+            /// Largest less shortest time.
             spread: Picos,
             /// Largest spread allowed.
             limit: Picos,
         },
-        /// Outputs acted a whole cycle or more behind the first pulse (or SM event) that they were
-        /// for.
+        /// Outputs acted a whole cycle or more after their first pulse (or SM event).
         OutputsLate = "outputs-late" {
-            /// The most cycles.
+            /// Largest number of cycles.
             cycles: u64,
-            /// Frames whose outputs acted late.
+            /// Number of frames whose outputs acted late.
             count: u64,
-            /// The largest age of outputs that acted late: from the first bit of their frame at the
+            /// The largest age of outputs that acted late, from the first bit of their frame at the
             /// MainDevice.
             age: Picos,
         },
-        /// Inputs came a whole cycle or more behind the first frame that could bring them.
+        /// Inputs came a whole cycle or more after the first frame that could bring them.
         InputsLate = "inputs-late" {
-            /// The most cycles.
+            /// Largest number of cycles.
             cycles: u64,
-            /// Inputs that came late.
+            /// Number of inputs that came late.
             count: u64,
-            /// The largest age of inputs that came late: from Input Latch to the frame's last bit
+            /// The largest age of inputs that came late, from Input Latch to the frame's last bit
             /// at the MainDevice.
             age: Picos,
         },
-        /// 0x1C32:0B or 0x1C33:0B rose.
+        /// 0x1C32:0B or 0x1C33:0B increased.
         SmEventMissed = "sm-event-missed" {
             /// The counter.
             object: ObjectAddress,
-            /// By how much it rose in the judged time.
+            /// Increase in the judged time.
             grew: u32,
-            /// As it is now.
+            /// Its present value.
             value: u32,
         },
-        /// 0x1C32:0C or 0x1C33:0C rose.
+        /// 0x1C32:0C or 0x1C33:0C increased.
         CycleTimeTooSmall = "cycle-time-too-small" {
             /// The counter.
             object: ObjectAddress,
-            /// By how much it rose in the judged time; null: it was read at the end only.
+            /// Increase in the judged time; null: it was only read at the end.
             grew: Option<u32>,
-            /// As it is now.
+            /// Its present value.
             value: u32,
         },
-        /// 0x1C32:0D or 0x1C33:0D rose.
+        /// 0x1C32:0D or 0x1C33:0D increased.
         ShiftTimeTooShort = "shift-time-too-short" {
             /// The counter.
             object: ObjectAddress,
-            /// By how much it rose in the judged time; null: it was read at the end only.
+            /// Increase in the judged time; null: it was only read at the end.
             grew: Option<u32>,
-            /// As it is now.
+            /// Its present value.
             value: u32,
         },
         /// 0x1C32:20 or 0x1C33:20 is set.
         SyncError = "sync-error" {
             /// The flag.
             object: ObjectAddress,
-            /// By how much it rose in the judged time; null: it was read at the end only.
+            /// Increase in the judged time; null: it was only read at the end.
             grew: Option<u32>,
-            /// As it is now.
+            /// Its present value.
             value: u32,
         },
         /// The clock of the SubDevice is further from the reference clock than allowed.
@@ -206,52 +210,53 @@ kinds! {
             /// Largest difference allowed.
             limit: Nanos,
         },
-        /// Frames found the reference clock so late that outputs came too late for their pulse, by the times that the
-        /// SubDevice states.
+        /// Frames found the reference clock so late that outputs came too late for their pulse, by
+        /// the times that the SubDevice states.
         FramesTooLate = "frames-too-late" {
-            /// Cycles.
+            /// Number of cycles.
             cycles: u64,
-            /// By how much at most, with the worst clocks that the plan assumes.
+            /// Largest lateness, with the worst clocks that the plan assumes.
             by: Nanos,
         },
-        /// Frames found the reference clock so early that inputs were not ready, that outputs came before the pulse of the
-        /// cycle before, or that they count as those of that cycle.
+        /// Frames found the reference clock so early that inputs were not ready, that outputs came
+        /// before the pulse of the previous cycle, or that they count as those of that cycle.
         FramesTooEarly = "frames-too-early" {
-            /// Cycles.
+            /// Number of cycles.
             cycles: u64,
-            /// By how much at most, with the worst clocks that the plan assumes.
+            /// Largest earliness, with the worst clocks that the plan assumes.
             by: Nanos,
         },
-        /// The delay to the SubDevice is no longer the one that was written, by more than a clock may be off.
+        /// The delay to the SubDevice differs from the one that was written by more than a clock
+        /// may deviate.
         DelayChanged = "delay-changed" {
             /// Register 0x0928.
             written: Nanos,
-            /// Measured now.
+            /// The delay measured now.
             found: Picos,
         },
-        /// The drive had time to switch on and did not.
+        /// The drive had time to switch on but did not.
         DriveNotEnabled = "drive-not-enabled",
         /// Process data came back with a wrong working counter.
         WorkingCounter = "working-counter" {
-            /// Datagrams.
+            /// Number of datagrams.
             datagrams: u64,
         },
-        /// The host came later than a whole cycle: no frame of these cycles was sent.
+        /// The host was late by more than a whole cycle: no frame of these cycles was sent.
         CyclesSkipped = "cycles-skipped" {
-            /// Cycles.
+            /// Number of cycles.
             cycles: u64,
         },
         /// Frames did not come back in time.
         FramesLost = "frames-lost" {
-            /// Frames.
+            /// Number of frames.
             frames: u64,
         },
         /// The host's clock is not locked onto the reference clock at the end.
         HostNotLocked = "host-not-locked" {
-            /// Whether it was, and then heard nothing more from the reference clock.
+            /// Whether it was locked and then received no more reference times.
             holdover: bool,
         },
-        /// A SubDevice that may be absent came.
+        /// A SubDevice that may be absent has come.
         Found = "found" {
             /// Cycle.
             cycle: u64,
@@ -262,19 +267,19 @@ kinds! {
 }
 
 impl Judged {
-    /// Outputs acted late, and since when; `None` if they never did.
+    /// Outputs that acted late, and since when; `None` if they never did.
     pub fn outputs_late(late: &Late) -> Option<(Time<True>, Self)> {
         let (cycles, count, age) = (late.cycles(), late.count(), late.age());
         Some((late.first()?, Self::OutputsLate { cycles, count, age }))
     }
 
-    /// Inputs came late, and since when; `None` if they never did.
+    /// Inputs that came late, and since when; `None` if they never did.
     pub fn inputs_late(late: &Late) -> Option<(Time<True>, Self)> {
         let (cycles, count, age) = (late.cycles(), late.count(), late.age());
         Some((late.first()?, Self::InputsLate { cycles, count, age }))
     }
 
-    /// SYNC pulses of an ESC made no edge, and since when; `None` if each did.
+    /// SYNC pulses of an ESC that made no edge, and since when; `None` if each pulse made one.
     pub fn sync_still_active<M: AsRef<[u8]> + AsMut<[u8]>>(
         lost: &LostPulses,
         esc: &Esc<M>,
@@ -284,23 +289,23 @@ impl Judged {
         Some((lost.first()?, Self::SyncStillActive { sync0, sync1, acknowledged }))
     }
 
-    /// The way up failed.
+    /// The finding of a failed bring-up.
     pub fn failed(cause: Cause) -> Self {
         Self::Failed { code: cause.al_status_code(), cause }
     }
 }
 
-/// What was found, with its figures.
+/// The kind of a finding, with its figures.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Kind {
-    /// By a judge.
+    /// Found by a judge.
     Judged(Judged),
-    /// By the MainDevice: the segment changed.
+    /// Reported by the MainDevice: the segment changed.
     Change(SegmentChange),
 }
 
 impl Kind {
-    /// The name of the kind; it stays the same whatever the sentence becomes.
+    /// The name of the kind. It stays the same even if the sentence changes.
     pub const fn name(&self) -> &'static str {
         match self {
             Kind::Judged(kind) => kind.name(),
@@ -308,7 +313,7 @@ impl Kind {
         }
     }
 
-    /// The figures by their names, the unit included.
+    /// The figures by name, including the unit.
     pub fn figures(&self) -> Figures {
         match self {
             Kind::Judged(kind) => kind.figures(),
@@ -321,7 +326,7 @@ impl Kind {
         Judged::DESCRIPTIONS.iter().chain(SegmentChange::DESCRIPTIONS)
     }
 
-    /// The AL status code that is part of it.
+    /// The AL status code in its figures, if there is one.
     pub fn al_status_code(&self) -> Option<AlStatusCode> {
         match self {
             Kind::Judged(Judged::LeftOp { code, .. } | Judged::NotInOp { code, .. }) => Some(*code),

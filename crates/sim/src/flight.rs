@@ -1,12 +1,13 @@
-//! The flight of a single frame, port by port: for frames that meet something on their way.
+//! The flight of a single frame, port by port: for frames that meet a change or an error on their
+//! way.
 //!
-//! Most frames find the segment as the last one left it, and take the way that was computed once
-//! ([`Path`](crate::path::Path)). A frame that sets out while a cable is pulled or plugged, that is hit
-//! by a bit error, that comes from the other end of a ring, or that finds loops changed, is followed
-//! here: at each port the ESC is asked where it goes next.
+//! Most frames find the segment unchanged and take the way that was computed once
+//! ([`Path`](crate::path::Path)). A frame that is sent while a cable is pulled or plugged, that is
+//! hit by a bit error, that comes from the other end of a ring, or that finds loops changed, is
+//! followed here: at each port the ESC decides where it goes next.
 //!
-//! Frames are followed one after the other, each to its end. Where a link goes while several frames
-//! are on their way, the later ones may find the change earlier by what the first one was ahead of them.
+//! Frames are followed one after the other, each to its end. If a link is lost while several frames
+//! are in flight, the later ones may meet the change too early, by the lead of the first one.
 
 use isocat_esc::PortError;
 use isocat_wire::PortNumber;
@@ -19,15 +20,15 @@ use crate::probe::{Probed, Sight};
 use crate::segment::{Lost, Returned, Segment};
 use crate::wiring::{End, Hop, MainPort};
 
-/// A frame on its way.
+/// A frame in flight.
 pub(crate) struct Flight<'a> {
     bytes: &'a mut [u8],
     /// When its first bit left the MainDevice.
     start: Time<True>,
-    /// From the first bit to the last.
+    /// Time from the first bit to the last.
     duration: Picos,
     good: bool,
-    /// An ESC has marked it as bad.
+    /// Whether an ESC has marked it as bad.
     marked: bool,
 }
 
@@ -40,7 +41,7 @@ impl<'a> Flight<'a> {
 }
 
 impl Segment {
-    /// Sends a frame off at a port of the MainDevice and follows it to its end.
+    /// Sends a frame from a port of the MainDevice and follows it to its end.
     pub(crate) fn fly(
         &mut self,
         mut flight: Flight<'_>,
@@ -63,7 +64,8 @@ impl Segment {
         mut after: Picos,
         watch: &mut impl FnMut(Observation),
     ) -> Result<Returned, Lost> {
-        // As many rounds as the circulating bit needs; then somebody has closed port 0 by hand.
+        // This is as many rounds as the circulating bit needs; a longer way exists only if port 0
+        // was closed by a write.
         for _ in 0..3 * (4 * self.devices().len() + 1) {
             let (device, port) = match end {
                 End::Main(port) => {
@@ -81,7 +83,8 @@ impl Segment {
         Err(Lost::Circulates)
     }
 
-    /// A frame arrives at a port, by the delays of the wiring; gives the time of its departure.
+    /// Handles the arrival of a frame at a port, by the delays of the wiring; returns the time of
+    /// its departure.
     fn visit(
         &mut self,
         flight: &mut Flight<'_>,
@@ -100,7 +103,7 @@ impl Segment {
         debug_assert!(self.devices[number].is_powered(), "its cables carry nothing");
         let device = &mut self.devices[number];
         if first {
-            // What the frame before wrote may be about this one's reception.
+            // A write of the previous frame may change the reception of this one.
             device.advance(device.oscillator().read(at + Picos(-EARLIEST.0)), watch);
         }
         let at = self.received(number, port, at);
@@ -146,7 +149,7 @@ impl Segment {
         if processed.destroyed { Err(Lost::Destroyed { device: number }) } else { Ok(departure) }
     }
 
-    /// A frame sets out at one end of a cable; gives the hop and the time of its arrival.
+    /// Sends a frame into one end of a cable; returns the hop and the time of its arrival.
     fn leave(
         &mut self,
         flight: &mut Flight<'_>,
@@ -180,7 +183,7 @@ impl Segment {
         Ok((hop, arrives))
     }
 
-    /// A frame passes port 0 of a SubDevice: a tap in the cable there sees it, if it is whole.
+    /// Shows a frame at port 0 of a SubDevice to a tap in the cable there, if the frame is good.
     fn tapped(&mut self, device: usize, at: Time<True>, sight: Sight, flight: &Flight<'_>) {
         if flight.good && self.probes.tap_at(device) {
             self.probes.see(Probed { device, at, sight, bytes: flight.bytes.to_vec() });
@@ -192,7 +195,7 @@ impl Segment {
         self.met.fill(false);
     }
 
-    /// ESCs whose receive times were written keep the arrivals of this frame.
+    /// Keeps the arrivals of this frame for ESCs whose receive times were written.
     fn latch_trail(&mut self, start: Time<True>) {
         if self.trail.iter().any(|arrival| self.latched[arrival.device]) {
             let trail = std::mem::take(&mut self.trail);
@@ -216,8 +219,8 @@ impl Segment {
     }
 }
 
-/// No port hands a frame on earlier than the wiring says by so much: half a period, and what
-/// smaller FIFOs take off.
+/// Largest time by which a port forwards a frame earlier than the wiring says: half a period, and
+/// the effect of smaller FIFOs.
 const EARLIEST: Picos = Picos(200_000);
 
 /// How long a frame of `len` bytes lasts, from its first preamble bit to its last FCS bit.

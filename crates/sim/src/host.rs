@@ -1,4 +1,4 @@
-//! The machine that the MainDevice runs on: its clock, its wake-ups, its network port.
+//! The host on which the MainDevice runs: its clock, its wake-ups, its network port.
 
 use isocat_wire::frame;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
@@ -8,41 +8,44 @@ use crate::oscillator::{Bend, ClockModel, Oscillator, Step};
 use crate::random::Stream;
 use crate::wiring::MainPort;
 
-/// What is imperfect about a host.
+/// The imperfections of a host.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct HostModel {
     /// Deviation of its clock from true time, ppb.
     pub clock_ppb: i64,
     /// Worst lateness of a timer's wake-up, ns; see [`Stream::lateness`] for the distribution.
     pub jitter: Nanos,
-    /// From the program's decision to send to the first bit on the wire, and from the last bit of an
-    /// answer to the program: software and network controller, constant.
+    /// Constant latency of software and network controller: from the program's decision to send to
+    /// the first bit on the wire, and from the last bit of an answer to the program.
     pub latency: Nanos,
-    /// Wake-ups are either in time or as late as they can be, by the toss of a coin: the worst case that a plan
-    /// must stand, every other cycle. Default: as a real machine.
+    /// Whether each wake-up is either in time or as late as possible, at random with equal
+    /// probability. This is the worst case for a plan, in every other cycle on average. Default:
+    /// lateness as on a real machine.
     pub extremes: bool,
-    /// The speed of its clock changes at once. Default: it does not.
+    /// A sudden change of its clock's speed. Default: none.
     pub clock_step: Option<Step>,
-    /// Lateness of wake-ups without a bound, in place of [`HostModel::jitter`]. Default: the bound.
+    /// Lateness of wake-ups without a bound, instead of [`HostModel::jitter`]. Default: with the
+    /// bound.
     pub wake_ups: Option<Delay>,
-    /// How much later than the program's time stamp a frame sets out, beside the constant latency. Default: not at all.
+    /// Delay of each frame after the program's time stamp, in addition to the constant latency.
+    /// Default: none.
     pub hold_ups: Option<Delay>,
-    /// One time during which no program runs. Default: none.
+    /// A time in which no program runs. Default: none.
     pub stall: Option<Stall>,
 }
 
-/// A delay as programs meet it: exponential as a rule, and now and then far more.
+/// A random delay of programs: exponential, with rare additions of a much longer time.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Delay {
     /// Mean of the exponential part.
     pub mean: Nanos,
-    /// One in this many is longer; 0: none.
+    /// On average one draw in `one_of` is longer; 0 means never.
     pub one_of: u64,
-    /// By how much these are longer: evenly from the first to the second.
+    /// Range of the additional time, uniformly distributed from the first to the second.
     pub more: (Nanos, Nanos),
 }
 
-/// No program runs for a time.
+/// A time in which no program runs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Stall {
     /// True time at which it begins.
@@ -52,7 +55,7 @@ pub struct Stall {
 }
 
 impl Delay {
-    /// Draws one.
+    /// Draws a delay.
     pub fn draw(&self, chance: &mut Stream) -> Nanos {
         let usual = Nanos(chance.exponential(self.mean.0.max(0) as u64) as i64);
         let (least, most) = self.more;
@@ -64,7 +67,8 @@ impl Delay {
 }
 
 impl Default for HostModel {
-    /// A PC with a tuned real-time kernel: 20 us wake-up lateness at worst, 2 us each way.
+    /// A PC with a tuned real-time kernel: wake-ups are late by 20 us at worst, and the latency is
+    /// 2 us in each direction.
     fn default() -> Self {
         Self {
             clock_ppb: 0,
@@ -86,11 +90,11 @@ pub struct HostMachine {
     model: HostModel,
     wake_ups: Stream,
     hold_ups: Stream,
-    /// When each port has sent its last frame and the gap behind it.
+    /// When each port will have sent its last frame and the gap after it.
     port_free: [Time<True>; 2],
-    /// How much later the next wake-up comes.
+    /// Additional lateness of the next wake-up.
     oversleeps: Nanos,
-    /// When programs ran last before they stopped, and when they go on.
+    /// When programs stopped, and when they continue.
     stalled: Option<(Time<True>, Time<True>)>,
     late_wake_ups: Option<LateHost>,
     slow_sends: Option<LateHost>,
@@ -115,17 +119,17 @@ impl HostMachine {
         }
     }
 
-    /// No program runs from `from` until `to`.
+    /// Lets no program run from `from` until `to`.
     pub(crate) fn stall(&mut self, from: Time<True>, to: Time<True>) {
         self.stalled = Some((from, to));
     }
 
-    /// How late wake-ups come from now on, beside what the model has.
+    /// Sets the lateness of wake-ups from now on, in addition to that of the model.
     pub(crate) fn set_late_wake_ups(&mut self, late: Option<LateHost>) {
         self.late_wake_ups = late;
     }
 
-    /// How late frames set out from now on, beside what the model has.
+    /// Sets the delay of frames from now on, in addition to that of the model.
     pub(crate) fn set_slow_sends(&mut self, late: Option<LateHost>) {
         self.slow_sends = late;
     }
@@ -135,12 +139,13 @@ impl HostMachine {
         self.clock.bend(bends);
     }
 
-    /// Its clock jumps ahead.
+    /// Lets its clock jump ahead.
     pub(crate) fn jump(&mut self, at: Time<True>, by: Nanos) {
         self.clock.jump(at, by);
     }
 
-    /// When a program sees what is there at `at`: no program runs while the host is stalled.
+    /// When a program handles an input that is there at `at`: no program runs while the host is
+    /// stalled.
     pub(crate) fn awake(&self, at: Time<True>) -> Time<True> {
         let of_model = self.model.stall.map(|Stall { at, length }| {
             let begin = Time::ZERO + Picos::from(at);
@@ -155,7 +160,8 @@ impl HostMachine {
         )
     }
 
-    /// When the wire at a port is free for a frame of `len` bytes that somebody else sends there, not before `at`.
+    /// When the wire at a port is free for a frame of `len` bytes from another sender, not before
+    /// `at`.
     pub(crate) fn send_of_others(
         &mut self,
         port: MainPort,
@@ -173,7 +179,7 @@ impl HostMachine {
         start
     }
 
-    /// The timer that is set next wakes the program so much later, once.
+    /// Delays the next wake-up by this time, once.
     pub fn oversleep(&mut self, by: Nanos) {
         self.oversleeps = by;
     }
@@ -183,12 +189,12 @@ impl HostMachine {
         self.clock.read(at)
     }
 
-    /// When its clock shows `reading`.
+    /// When its clock shows this reading.
     pub fn when(&self, reading: Time<Host>) -> Time<True> {
         self.clock.when(reading)
     }
 
-    /// When a timer set to `wanted` really wakes the program.
+    /// When a timer set to `wanted` wakes the program.
     pub fn wake_up(&mut self, wanted: Time<Host>) -> Time<True> {
         let worst = self.model.jitter.0.max(0) as u64;
         let late = match (self.model.wake_ups, self.model.extremes) {
@@ -201,8 +207,8 @@ impl HostMachine {
         self.awake(self.clock.when(wanted + late + later + oversleeps))
     }
 
-    /// When the first bit of a frame of `len` bytes leaves that the program sends at `at` from a port: behind the
-    /// latency, and behind the frames before it there.
+    /// When the first bit of a frame of `len` bytes leaves a port, if the program sends it at `at`:
+    /// after the latency, and after earlier frames at this port.
     pub fn send(&mut self, port: MainPort, at: Time<True>, len: usize) -> Time<True> {
         let held_up = self.model.hold_ups.map(|delay| delay.draw(&mut self.hold_ups));
         let slower = self.slow_sends.map_or(Nanos::ZERO, |late| late.draw(&mut self.faults));
@@ -217,7 +223,7 @@ impl HostMachine {
 }
 
 impl LateHost {
-    /// Draws how late something is this time.
+    /// Draws a lateness.
     pub fn draw(&self, chance: &mut Stream) -> Nanos {
         match chance.up_to(u64::from(MILLION) - 1) < u64::from(self.ppm) {
             true => {
@@ -268,7 +274,7 @@ mod tests {
         assert_eq!(late, [0, 20_000]);
     }
 
-    /// Stamps of 10 000 frames, and how long after the constant latency each of them left.
+    /// Stamps of 10 000 frames, and how long after the constant latency each frame left.
     #[test]
     fn delays_are_exponential_and_sometimes_more() {
         let more = (Nanos(50_000), Nanos(150_000));

@@ -1,49 +1,49 @@
-//! The jitter of a hop: a frame is taken from the clock of its sender into that of its receiver.
+//! The jitter of a hop: a frame is transferred from the clock of its sender to that of its
+//! receiver.
 //!
-//! A port hands a received frame on at an edge of the SubDevice's own clock
-//! ([`isocat_esc::rx_fifo`]), so how long a hop takes depends on how the two clocks stand to each
-//! other. Nothing is drawn for a frame: the edges come from the SubDevice's oscillator and a phase
-//! that the seed gives it, and the instant from the frame. Between two SubDevices the delay goes
-//! round through a whole period while their clocks slip by one (40 ns: 4 ms at 10 ppm), and stands
-//! still between clocks of one speed. Its mean is the delay that the cable, PHYs and chip have
-//! without jitter.
+//! A port forwards a received frame at an edge of the SubDevice's own clock
+//! ([`isocat_esc::rx_fifo`]), so the time of a hop depends on the phase between the two clocks.
+//! Nothing is drawn for a frame: the edges come from the SubDevice's oscillator and a phase from
+//! the seed. Between two SubDevices the delay passes through a whole period while their clocks slip
+//! by one (40 ns: 4 ms at 10 ppm), and is constant between clocks of equal speed. Its mean is the
+//! delay that cable, PHYs and chip have without jitter.
 
 use isocat_wire::time::{Picos, Time, True};
 
 use crate::oscillator::Oscillator;
 use crate::random::Stream;
 
-/// Where the edges of one port's clock are.
+/// The edges of one port's clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Edges {
-    /// ps from one to the next; 0: frames are handed on as they come.
+    /// Time from one edge to the next, ps; 0: frames are forwarded without waiting.
     period: u64,
-    /// ps by the SubDevice's oscillator.
+    /// Phase, ps by the SubDevice's oscillator.
     phase: u64,
 }
 
 impl Edges {
-    /// Edges every `period`, at a phase as from [`phase`].
+    /// Edges every `period`, with a phase from [`phase`].
     pub fn new(period: Picos, phase: u64) -> Self {
         Self { period: period.0.unsigned_abs(), phase }
     }
 
-    /// Whether frames wait for them.
+    /// Whether frames wait for edges.
     pub fn are_there(&self) -> bool {
         self.period > 0
     }
 
-    /// How much later than on the average a frame is that arrives at `at`: half a period at most,
-    /// either way.
+    /// How much later than on average a frame is that arrives at `at`: at most half a period,
+    /// positive or negative.
     pub fn wait(&self, oscillator: &Oscillator, at: Time<True>) -> Picos {
         if self.period == 0 {
             return Picos::ZERO;
         }
-        // The farther behind an edge it comes, the shorter it waits for the next one. That a period
-        // of the oscillator is not quite one of true time makes less than 1 ps.
+        // The later it arrives after an edge, the shorter it waits for the next one. The period of
+        // the oscillator differs from that of true time by less than 1 ps.
         let behind = oscillator.count_ps(at).wrapping_add(self.phase) % self.period;
         let wait = (self.period / 2) as i64 - behind as i64;
-        // Not before the beginning of time: a frame may leave at once.
+        // A frame must not arrive before true time zero, but may leave there.
         Picos(wait.max(-i64::try_from(at.count()).unwrap_or(i64::MAX)))
     }
 }
@@ -60,7 +60,7 @@ const MOST_PHASE: u64 = 1_000_000_000 - 1;
 mod tests {
     use super::*;
 
-    /// Over one period every wait comes once, and what has waited stands on the grid of the
+    /// Over one period every wait occurs once, and a frame that has waited is on the grid of the
     /// receiver.
     #[test]
     fn waits_are_even_and_end_on_edges() {
@@ -81,7 +81,8 @@ mod tests {
         }
     }
 
-    /// Frames on the edges of a true clock, received on those of one 10 ppm faster: 40 ns in 4 ms.
+    /// Frames on the edges of a true clock are received on those of a clock 10 ppm faster: 40 ns in
+    /// 4 ms.
     #[test]
     fn the_wait_goes_round_as_clocks_slip() {
         let receiver = Oscillator::new(10_000);
@@ -102,7 +103,7 @@ mod tests {
         }
     }
 
-    /// A frame at the beginning of time does not come before it.
+    /// A frame at true time zero does not arrive before it.
     #[test]
     fn nothing_comes_before_the_beginning() {
         let oscillator = Oscillator::new(0);

@@ -1,21 +1,24 @@
 //! An EtherCAT segment in deterministic virtual time: both sides meet, and judges watch.
 //!
-//! From the physics up: an [`oscillator`] makes a clock of its own out of true time; [`cable`] and
-//! [`wiring`] say what is connected to what and how far away, `jitter` what a hop adds for one
-//! frame, [`path`] when a frame reaches which port; [`random`] is the one source of chance. A
-//! [`device`] is an ESC, a stack, an application and a [`cpu`] on one oscillator, a [`segment`] is
-//! devices on cables that may be pulled and plugged, and switched off and on, while frames are
-//! under way, a [`host`] is the machine that the MainDevice runs on. [`world`] lets MainDevice and
-//! segment meet in true time. `audience` says whom a frame visits, `flight` and `disturbance` what
-//! becomes of frames that meet something on their way. [`mod@fault`] is what can go wrong with all of them, as data.
+//! From the physics up: an [`oscillator`] derives a clock from true time. [`cable`] and [`wiring`]
+//! describe the connections and their delays, `jitter` adds the variation of a hop for one frame,
+//! and [`path`] gives the time at which a frame reaches each port. [`random`] is the only source of
+//! random numbers. A [`device`] is an ESC, a stack, an application and a [`cpu`] on one oscillator.
+//! A [`segment`] is devices on cables, which may be pulled and plugged, switched off and on, while
+//! frames are in flight. A [`host`] is the machine on which the MainDevice runs. [`world`] connects
+//! MainDevice and segment in true time. `audience` finds the SubDevices that a frame concerns;
+//! `flight` and `disturbance` handle frames that meet a change on their way. [`mod@fault`]
+//! describes the possible faults as data.
 //!
-//! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
-//! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call, what it comes to are [`finding`]s;
-//! a [`course`] is when each SubDevice was in sync; a [`plant`] is the machine behind a drive, and [`plant_bench`] tells what lateness
-//! did to it. [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for frames from outside.
+//! Events are passed as [`observation`]s to the [`judge`]s on their [`mod@bench`]. Judges know true
+//! time and the intent, but not the plan. [`run`] is the whole main job in one call, and its
+//! results are [`finding`]s; a [`course`] records when each SubDevice was in sync. A [`plant`] is
+//! the machine behind a drive, and [`plant_bench`] shows the effect of lateness on it.
+//! [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for
+//! frames from outside.
 //!
-//! Devices meet only through frames. So a device's own events are caught up with lazily, each time a
-//! frame reaches it: cost is per event, never per tick.
+//! Devices affect each other only through frames. So the events of a device are processed lazily,
+//! each time a frame reaches it: the cost is per event, not per tick.
 #![forbid(unsafe_code)]
 
 mod audience;

@@ -1,9 +1,9 @@
-//! Ports that stamp the next frame, whatever is in it: see [`Chip::stamps_next_frame`].
+//! Ports that stamp the next frame, whatever its content: see [`Chip::stamps_next_frame`].
 //!
-//! A frame is led through the whole segment at once. When it enables a port, frames that left
-//! before it may still be on their way behind that port, and arrive there first. So frames are
-//! remembered as long as they are on their way. A port that no frame has reached yet waits for
-//! those that follow.
+//! A frame passes the whole segment at once in the simulation. When it enables a port, frames that
+//! left before it may still be in flight behind that port and arrive there first. So frames are
+//! remembered while they are in flight. A port that no frame has reached yet waits for the
+//! following frames.
 //!
 //! Frames that were lost are not remembered.
 //!
@@ -19,39 +19,39 @@ use crate::path::Arrival;
 use crate::segment::Segment;
 use crate::wiring::MainPort;
 
-/// What a segment with such a chip remembers.
+/// The memory of a segment with such a chip.
 #[derive(Default)]
 pub(crate) struct NextFrame {
-    /// A chip of the segment does it.
+    /// Whether a chip of the segment stamps the next frame.
     exists: bool,
-    /// Frames that may be on their way: where and when they left.
+    /// Frames that may be in flight: their port and send time.
     under_way: VecDeque<(MainPort, Time<True>)>,
-    /// Arrivals of frames from each port of the MainDevice at ports that wait for one.
+    /// For each port of the MainDevice: the arrivals of its frames at ports that wait for one.
     waiting: [Vec<Arrival>; 2],
 }
 
 impl NextFrame {
-    /// Nothing on its way.
+    /// A memory without frames.
     pub fn new(exists: bool) -> Self {
         Self { exists, ..Self::default() }
     }
 
-    /// A SubDevice with this chip has come.
+    /// Takes the chip of a SubDevice that has come.
     pub fn note_chip(&mut self, chip: &Chip) {
         self.exists |= chip.stamps_next_frame;
     }
 
-    /// Whether a chip of the segment does it.
+    /// Whether a chip of the segment stamps the next frame.
     pub const fn exists(&self) -> bool {
         self.exists
     }
 }
 
-/// More frames than are ever on their way at once: 256 of the shortest last 1.7 ms.
+/// More frames than are ever in flight: 256 of the shortest ones take 1.7 ms.
 const MOST_UNDER_WAY: usize = 256;
 
 impl Segment {
-    /// Remembers a frame that has passed, and stamps it where a port waits for one.
+    /// Remembers a frame that has passed, and stamps it at ports that wait for one.
     pub(crate) fn remember_frame(&mut self, from: MainPort, start: Time<True>) {
         if !self.next_frame.exists {
             return;
@@ -76,8 +76,8 @@ impl Segment {
         under_way.push_back((from, start));
     }
 
-    /// A frame enabled ports; `own` are its arrivals. Gives each of them the first frame that
-    /// arrives there.
+    /// Handles a frame that enabled ports; `own` are its arrivals. Each port gets the first frame
+    /// that arrives there.
     pub(crate) fn stamp_next_frames(&mut self, start: Time<True>, own: &[Arrival]) {
         if !self.next_frame.exists {
             return;
@@ -98,7 +98,7 @@ impl Segment {
         self.find_waiting_ports();
     }
 
-    /// The ports that wait and that frames reach on their present way.
+    /// Finds the waiting ports that frames reach on their present way.
     pub(crate) fn find_waiting_ports(&mut self) {
         if !self.next_frame.exists {
             return;

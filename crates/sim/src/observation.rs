@@ -1,4 +1,4 @@
-//! What judges see of a run: events as they happen.
+//! Events of a run, as the judges see them.
 
 use isocat_subdevice::{Event, Step};
 use isocat_wire::time::{Device, Time, True};
@@ -9,28 +9,29 @@ use isocat_wire::{AlState, AlStatusCode};
 pub struct Observation {
     /// Position of the SubDevice.
     pub device: usize,
-    /// When, as the SubDevice's own oscillator counts. In true time that is
-    /// [`Oscillator::when`](crate::oscillator::Oscillator::when), for those few that somebody judges.
+    /// When, by the SubDevice's own oscillator.
+    /// [`Oscillator::when`](crate::oscillator::Oscillator::when) converts it to true time, which
+    /// only few events need.
     pub device_at: Time<Device>,
-    /// What.
+    /// The event.
     pub event: Observed,
-    /// Which process data it concerns.
+    /// The process data that it concerns.
     pub content: Content,
 }
 
-/// Where process data come from: known beside the bytes, by labels that the ESC keeps with its
-/// buffers. Zero where an event concerns none, or where their origin is not known.
+/// The origin of process data, by labels that the ESC keeps with its buffers. Zero if an event
+/// concerns no process data, or if their origin is unknown.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Content {
-    /// When the first bit of the frame left the MainDevice: with SM2 the frame that stored outputs,
-    /// with steps of outputs the one that brought them, with SM3 the frame that fetched inputs.
+    /// When the first bit of the frame left the MainDevice. For SM2 this is the frame that stored
+    /// outputs, for steps of outputs the one that brought them, for SM3 the frame that fetched
+    /// inputs.
     pub frame: Time<True>,
-    /// With SM3: when the inputs were latched that the frame fetched, as the SubDevice's own
-    /// oscillator counts.
+    /// For SM3: when the fetched inputs were latched, by the SubDevice's own oscillator.
     pub latched: Time<Device>,
 }
 
-/// What happened at a SubDevice.
+/// An event at a SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Observed {
     /// Outputs were stored: the SM2 event.
@@ -41,7 +42,8 @@ pub enum Observed {
     Sync0,
     /// A SYNC1 edge.
     Sync1,
-    /// A pulse of SYNC0 or SYNC1 was due and made no edge: the signal was still active from the one before.
+    /// A pulse of SYNC0 or SYNC1 was due and made no edge: the signal was still active from the
+    /// previous pulse.
     StillActive(Event),
     /// The device's program acknowledged SYNC0 or SYNC1, in acknowledge mode.
     Acknowledged(Event),
@@ -49,7 +51,7 @@ pub enum Observed {
     Began(Step),
     /// A step of the cycle ended.
     Finished(Step),
-    /// An expected SM event was missed; the counter's new value.
+    /// An expected SM event was missed; the value is that of the counter.
     SmEventMissed(u16),
     /// The state changed.
     State(AlState, AlStatusCode),

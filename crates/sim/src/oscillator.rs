@@ -1,11 +1,11 @@
-//! Oscillators: what a clock of its own counts while true time passes.
+//! Oscillators: the count of a free-running clock against true time.
 //!
-//! An [`Oscillator`] is made of a [`ClockModel`]: a constant deviation, a temperature ramp, a step, a
-//! bounded random walk. All of them change the *rate*, at known points of true time; between two of
-//! them the count is a straight line. The sum of the straight pieces is held in whole units of
-//! 2⁻⁶⁴ ns, so that it is exact: nothing drifts, and nothing is stepped. The pieces of ramp and step are
-//! a short list; the walk is one table that repeats, forward and back. So reading and its inverse are
-//! closed forms: a search in either, then one multiplication or division.
+//! An [`Oscillator`] is made from a [`ClockModel`]: a constant deviation, a temperature ramp, a
+//! step, a bounded random walk. All of them change the *rate*, at known points of true time;
+//! between two of them the count is linear. The sum of the linear pieces is kept in whole units of
+//! 2⁻⁶⁴ ns, so it is exact, without drift or jumps. The pieces of ramp and step are a short list;
+//! the walk is a table that repeats, forward and back. So reading and its inverse are closed forms:
+//! a search in either, then one multiplication or division.
 
 use isocat_wire::time::{Nanos, Scale, Time, True};
 
@@ -15,58 +15,58 @@ use crate::random::Stream;
 #[cfg(test)]
 mod tests;
 
-/// How a clock deviates from true time. Points of true time count from the beginning of the run.
+/// How a clock deviates from true time. Points of true time count from the start of the run.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct ClockModel {
     /// Constant deviation, ppb; positive is fast.
     pub deviation_ppb: i64,
-    /// A slow change, as of temperature.
+    /// A slow change, for example by temperature.
     pub ramp: Option<Ramp>,
-    /// A sudden change, as of a shock or a supply that switches.
+    /// A sudden change, for example by a shock or a switched supply.
     pub step: Option<Step>,
-    /// Wandering without a cause that could be named.
+    /// A random walk of the speed.
     pub walk: Option<Walk>,
 }
 
-/// A deviation that grows evenly. It does so in [`RAMP_PIECES`] stairs.
+/// A deviation that grows evenly, in [`RAMP_PIECES`] steps.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Ramp {
-    /// By how much in all, ppb.
+    /// Growth in all, ppb.
     pub by_ppb: i64,
     /// True time at which it begins, 0 or more.
     pub from: Nanos,
-    /// How long it takes, above zero.
+    /// Duration, above zero.
     pub over: Nanos,
 }
 
-/// A deviation that changes at once.
+/// A deviation that changes suddenly.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Step {
-    /// By how much, ppb.
+    /// Change, ppb.
     pub by_ppb: i64,
-    /// True time at which, 0 or more.
+    /// True time of the change, 0 or more.
     pub at: Nanos,
 }
 
-/// A deviation that wanders: each interval it changes by up to `step_ppb` either way, and never
-/// leaves `bound_ppb`. After [`WALK_PIECES`] intervals it goes the same way back, and so on.
+/// A deviation that wanders: it changes by up to `step_ppb` up or down in each interval, and never
+/// exceeds `bound_ppb`. After [`WALK_PIECES`] intervals it goes the same way back, and so on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Walk {
     /// Largest change from one interval to the next, ppb.
     pub step_ppb: i64,
     /// Length of an interval of true time, above zero.
     pub every: Nanos,
-    /// Farthest that it goes from where it began, ppb.
+    /// Largest distance from the initial deviation, ppb.
     pub bound_ppb: i64,
 }
 
-/// Stairs of a ramp. Each is a straight line; 64 make the error of the count against an even ramp less
-/// than `by` × `over` / 1024: 10 ns for 1 ppm in 10 s.
+/// Steps of a ramp. Each is a straight line; 64 of them make the error of the count against an even
+/// ramp less than `by` × `over` / 1024: 10 ns for 1 ppm in 10 s.
 pub const RAMP_PIECES: i64 = 64;
-/// Intervals of a random walk until it turns back: enough that no run of cycles meets the turn by
-/// accident, few enough to keep a table of them (24 KiB a device that wanders).
+/// Intervals of a random walk until it turns back: enough that a run of cycles does not meet the
+/// turn by accident, few enough for a table (24 KiB for each device with a walk).
 pub const WALK_PIECES: usize = 1024;
-/// The farthest that all parts of a model together may go, ppb: beyond 1 % nothing is a clock.
+/// Largest deviation of all parts of a model together, ppb: a clock deviates by at most 1 %.
 pub const MOST_DEVIATION_PPB: i64 = 10_000_000;
 
 impl ClockModel {
@@ -75,7 +75,7 @@ impl ClockModel {
         Self { deviation_ppb, ramp: None, step: None, walk: None }
     }
 
-    /// The farthest that it can be from true time, ppb.
+    /// Its largest possible deviation from true time, ppb.
     pub fn most_deviation_ppb(&self) -> i64 {
         let parts = [
             self.ramp.map_or(0, |ramp| ramp.by_ppb),
@@ -93,9 +93,9 @@ impl ClockModel {
 pub struct Oscillator {
     /// The rate of the first piece, 2⁻⁶⁴ ns per ps.
     rate: u64,
-    /// What divides by the rate: see [`reciprocal`].
+    /// The factor for dividing by the rate: see [`reciprocal`].
     reciprocal: u64,
-    /// What goes on after the first piece or beside it; most clocks have nothing.
+    /// Further pieces and the walk; most clocks have none.
     shape: Option<Box<Shape>>,
 }
 
@@ -106,12 +106,12 @@ struct Shape {
     walk: Option<Wander>,
 }
 
-/// A straight piece, beside the walk.
+/// A straight piece, without the walk.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Piece {
     /// ps of true time.
     start: u64,
-    /// The count there, the walk's part included, 2⁻⁶⁴ ns.
+    /// The count at its start, including the walk's part, 2⁻⁶⁴ ns.
     count: u128,
     /// 2⁻⁶⁴ ns per ps.
     rate: u64,
@@ -126,8 +126,9 @@ impl Oscillator {
         Self { rate, reciprocal: reciprocal(rate), shape: None }
     }
 
-    /// The oscillator of a model; `chance` is where a walk goes. Panics on a model that goes farther than
-    /// [`MOST_DEVIATION_PPB`], or whose times are negative (for lengths: zero): a mistake of the caller.
+    /// The oscillator of a model; `chance` draws the walk. Panics on a model that deviates by more
+    /// than [`MOST_DEVIATION_PPB`], or whose times are negative (for lengths: zero), which are
+    /// errors of the caller.
     pub fn of(model: &ClockModel, chance: &mut Stream) -> Self {
         let most = model.most_deviation_ppb();
         assert!(most <= MOST_DEVIATION_PPB, "an oscillator deviates by at most 1 %: {most} ppb");
@@ -152,7 +153,7 @@ impl Oscillator {
         Self { rate, reciprocal: reciprocal(rate), shape }
     }
 
-    /// What it counts at a point of true time: whole ns, rounded down.
+    /// Its count at a point of true time: whole ns, rounded down.
     pub fn read<S: Scale>(&self, at: Time<True>) -> Time<S> {
         let at = at.count();
         let count = match &self.shape {
@@ -162,7 +163,7 @@ impl Oscillator {
         Time::new((count >> 64) as u64)
     }
 
-    /// What it counts at a point of true time in ps, rounded down; wraps with 64 bits.
+    /// Its count at a point of true time, ps, rounded down; wraps at 64 bits.
     pub(crate) fn count_ps(&self, at: Time<True>) -> u64 {
         let at = at.count();
         let count = match &self.shape {
@@ -173,8 +174,9 @@ impl Oscillator {
         ((count >> 64) as u64).wrapping_mul(1_000).wrapping_add(part as u64)
     }
 
-    /// The first point of true time, ps, at which an even clock counts `reading`, which is below [`SHORT`]: by a
-    /// multiplication in the place of a division of 128 bits, which is then made exact.
+    /// The first point of true time, ps, at which a clock without further pieces counts `reading`,
+    /// which is below [`SHORT`]. A multiplication replaces a division of 128 bits, and a correction
+    /// makes it exact.
     #[inline]
     fn first_at(&self, reading: u64) -> u64 {
         let count = u128::from(reading) << 64;
@@ -190,7 +192,8 @@ impl Oscillator {
         at
     }
 
-    /// The first point of true time at which it counts `reading`; never, if that is beyond all time.
+    /// The first point of true time at which it counts `reading`; never, if that is beyond the
+    /// range of time.
     pub fn when<S: Scale>(&self, reading: Time<S>) -> Time<True> {
         let count = u128::from(reading.count()) << 64;
         let at = match &self.shape {
@@ -202,8 +205,8 @@ impl Oscillator {
     }
 }
 
-/// 2¹¹⁷ divided by a rate, rounded down. A reading in ns times this, divided by 2⁵³, is the reading in ps; for readings below
-/// [`SHORT`] it is less than 2 ps too small.
+/// 2¹¹⁷ divided by a rate, rounded down. A reading in ns times this, divided by 2⁵³, is the reading
+/// in ps; for readings below [`SHORT`] it is less than 2 ps too small.
 fn reciprocal(rate: u64) -> u64 {
     // A rate is within 1 % of 2⁶⁴ / 1000, so this has 64 bits.
     ((1u128 << (64 + RECIPROCAL_SHIFT)) / u128::from(rate)).try_into().unwrap_or(u64::MAX)
@@ -213,11 +216,11 @@ const RECIPROCAL_SHIFT: u32 = 53;
 /// Readings below this, 104 days, are divided by the [`reciprocal`].
 const SHORT: u64 = 1 << RECIPROCAL_SHIFT;
 
-/// A change of an oscillator's speed at a point of true time, ps, by so many ppb.
+/// A change of an oscillator's speed: the point of true time, ps, and the change, ppb.
 pub(crate) type Bend = (u64, i64);
 
 impl ClockChange {
-    /// When and by how much it changes the speed, if it begins at `from`.
+    /// The changes of the speed, if it begins at `from`.
     pub(crate) fn bends(&self, from: Time<True>, chance: &mut Stream) -> Vec<Bend> {
         let from = from.count();
         match *self {
@@ -237,8 +240,8 @@ impl ClockChange {
 }
 
 impl Oscillator {
-    /// Changes the speed from each of these points on. What it counted before stays as it was; it never
-    /// deviates by more than [`MOST_DEVIATION_PPB`], whatever is asked for.
+    /// Changes the speed from each of these points on. The count before them stays unchanged. The
+    /// deviation never exceeds [`MOST_DEVIATION_PPB`], even if a larger change is requested.
     pub(crate) fn bend(&mut self, bends: &[Bend]) {
         for (at, by_ppb) in bends {
             self.cut_piece(*at);
@@ -252,7 +255,7 @@ impl Oscillator {
         }
     }
 
-    /// The count is ahead by so much from a point on.
+    /// Lets the count jump ahead by this time at a point.
     pub(crate) fn jump(&mut self, at: Time<True>, by: Nanos) {
         self.cut_piece(at.count());
         let pieces = &mut self.shape_mut().pieces;
@@ -264,7 +267,7 @@ impl Oscillator {
         self.rate = rate;
     }
 
-    /// Lets a piece begin at `at`, if none does.
+    /// Begins a new piece at `at`, if none begins there.
     fn cut_piece(&mut self, at: u64) {
         let shape = self.shape_mut();
         let next = shape.pieces.partition_point(|piece| piece.start <= at);
@@ -275,7 +278,7 @@ impl Oscillator {
         }
     }
 
-    /// Computes the counts of the pieces behind the one with this number anew.
+    /// Computes the counts of the pieces after this one again.
     fn count_on(&mut self, from: usize) {
         let Shape { pieces, walk } = self.shape_mut();
         for number in from + 1..pieces.len() {
@@ -313,7 +316,7 @@ impl Shape {
             None => start + left.div_ceil(u128::from(piece.rate)),
             Some(walk) => walk.when(piece, left)?,
         };
-        // What a jump left out is reached where it ends.
+        // Counts that a jump skips are reached at the end of the jump.
         let next = self.pieces.get(number + 1).map(|next| u128::from(next.start));
         Some(next.map_or(at, |next| at.min(next)))
     }
@@ -326,7 +329,7 @@ struct Wander {
     every: u64,
     /// Deviation in each interval of the way there, 2⁻⁶⁴ ns per ps.
     rates: Vec<i64>,
-    /// What it makes of the count up to the beginning of each interval, and to the end of the last.
+    /// Its sum in the count up to the start of each interval, and to the end of the last.
     sums: Vec<i128>,
 }
 
@@ -348,10 +351,10 @@ impl Wander {
         Self { every, rates, sums }
     }
 
-    /// Intervals until it is where it was, and goes the same way again.
+    /// Number of intervals until it is back at its start and repeats.
     const PERIOD: u64 = 2 * WALK_PIECES as u64;
 
-    /// Deviation in the interval with this number, and its sum up to there.
+    /// Deviation in the interval with this number, and its sum up to the interval.
     fn interval(&self, number: u64) -> (i64, i128) {
         let (rounds, within) = (number / Self::PERIOD, (number % Self::PERIOD) as usize);
         let there = self.sums[WALK_PIECES];
@@ -363,13 +366,13 @@ impl Wander {
         (self.rates[back - 1], before + 2 * there - self.sums[back])
     }
 
-    /// What it makes of the count up to `at`.
+    /// Its sum in the count up to `at`.
     fn sum(&self, at: u64) -> i128 {
         let (rate, sum) = self.interval(at / self.every);
         sum + i128::from(rate) * i128::from(at % self.every)
     }
 
-    /// The first point, in a straight `piece` and beyond it, at which the count has grown by `left`
+    /// The first point, in a straight `piece` and after it, at which the count has grown by `left`
     /// since the start of the piece.
     fn when(&self, piece: Piece, left: u128) -> Option<u128> {
         let start_sum = self.sum(piece.start);
@@ -380,7 +383,7 @@ impl Wander {
             since * i128::from(piece.rate) + sum - start_sum
         };
         let left = i128::try_from(left).ok()?;
-        // All clocks are within 1 %: the interval can be at most 2 % off a first guess.
+        // All clocks are within 1 %, so the interval is at most 2 % off a first guess.
         let first = piece.start / self.every;
         let most = left / i128::from(piece.rate / 100 * 97) / i128::from(self.every) + 2;
         let (mut low, mut high) = (first, first + u64::try_from(most).ok()?);
@@ -402,8 +405,8 @@ fn wandered(walk: &Option<Wander>, at: u64) -> i128 {
     walk.as_ref().map_or(0, |walk| walk.sum(at))
 }
 
-/// Where ramp and step change the deviation: points of true time, ascending, and the deviation from
-/// there on.
+/// The deviations of ramp and step: points of true time, ascending, and the deviation from there
+/// on.
 fn changes(model: &ClockModel) -> Vec<(u64, i64)> {
     let mut changes = vec![(0, model.deviation_ppb)];
     if let Some(Ramp { by_ppb, from, over }) = model.ramp {
@@ -427,10 +430,11 @@ fn changes(model: &ClockModel) -> Vec<(u64, i64)> {
     changes
 }
 
-/// The stairs of a ramp that begins at `from` and takes `over`, ps.
+/// The steps of a ramp that begins at `from` and takes `over`, ps.
 fn stairs(by_ppb: i64, from: u64, over: u64) -> Vec<Bend> {
     let stair = |stair: i64| {
-        // Half a stair early: the stairs lie around the even ramp, not below it.
+        // Each step is half a step early, so that the steps are around the even ramp and not below
+        // it.
         let part = i128::from(2 * stair - 1) * i128::from(over) / i128::from(2 * RAMP_PIECES);
         let gained = |stair| (i128::from(by_ppb) * i128::from(stair)) / i128::from(RAMP_PIECES);
         (from.saturating_add(part as u64), (gained(stair) - gained(stair - 1)) as i64)
@@ -438,7 +442,7 @@ fn stairs(by_ppb: i64, from: u64, over: u64) -> Vec<Bend> {
     (1..=RAMP_PIECES).map(stair).collect()
 }
 
-/// Where a walk goes next.
+/// The next deviation of a walk.
 fn wander(deviation: i64, step: i64, bound: i64, chance: &mut Stream) -> i64 {
     let change = chance.up_to(2 * step.unsigned_abs()) as i64 - step;
     (deviation + change).clamp(-bound, bound)
@@ -449,7 +453,7 @@ fn rate_of(ppb: i64) -> u64 {
     ((u128::from((1_000_000_000 + ppb) as u64) << 64) / PARTS) as u64
 }
 
-/// What `ppb` more or less make of a rate.
+/// Change of a rate by `ppb`.
 fn rate_offset(ppb: i64) -> i64 {
     (i128::from(ppb) << 64).div_euclid(PARTS as i128) as i64
 }

@@ -1,16 +1,16 @@
-//! The way of a frame through the segment: which ESC port it reaches how long after it was sent.
+//! The way of a frame through the segment: the ESC ports that it reaches, with their times.
 //!
-//! In an ESC a frame goes round the ports in the order 0 → EPU → 3 → 1 → 2 → 0, beginning with the one
-//! it arrives at; closed ports are skipped, at an open one it leaves and comes back there. So only what
-//! arrives at port 0, or is turned around by the closed loop of port 0, passes the EPU; a frame that
-//! enters at port 1 goes 1 → 2 → 0 first. What the ESCs say about their loops decides, and not what
-//! is plugged in.
+//! In an ESC a frame visits the ports in the order 0 → EPU → 3 → 1 → 2 → 0, from the port at which
+//! it arrives. Closed ports are skipped; at an open port it leaves and comes back there. So only
+//! frames that arrive at port 0, or that the closed loop of port 0 turns around, pass the EPU; a
+//! frame that enters at port 1 goes 1 → 2 → 0 first. The loops that the ESCs report decide, not the
+//! cables.
 //!
-//! A stay in an ESC costs its processing delay if the frame passes the EPU on the way to the next open
-//! port, else its forwarding delay, however many closed ports it skips.
+//! A stay in an ESC costs its processing delay if the frame passes the EPU on the way to the next
+//! open port, otherwise its forwarding delay, regardless of the number of closed ports.
 //!
-//! Where the ports are is computed once. When a frame is there depends on the frame as well, as
-//! each hop jitters: `Path::time` sets the arrivals of one that leaves at a point of true time.
+//! The order of the ports is computed once. The times also depend on the frame, since each hop
+//! jitters: `Path::time` sets the arrivals of a frame that leaves at a point of true time.
 
 use isocat_wire::PortNumber;
 use isocat_wire::dl::DlStatus;
@@ -31,7 +31,7 @@ pub struct Loops([bool; 4]);
 /// What happens to a frame that an open port receives.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Turn {
-    /// It passes the EPU before it leaves.
+    /// Whether it passes the EPU before it leaves.
     pub processed: bool,
     /// The port at which it leaves.
     pub exit: PortNumber,
@@ -43,7 +43,7 @@ impl Loops {
         Self::from_closed(PortNumber::ALL.map(|port| !ports.contains(&port)))
     }
 
-    /// What DL status says.
+    /// The loops of a DL status.
     pub fn of(status: DlStatus) -> Self {
         Self::from_closed(PortNumber::ALL.map(|port| status.loop_closed(port)))
     }
@@ -71,7 +71,7 @@ impl Loops {
     }
 }
 
-/// The port that comes next on the way round.
+/// The next port in the order.
 fn next(port: PortNumber) -> PortNumber {
     match port {
         PortNumber::P0 => PortNumber::P3,
@@ -88,26 +88,26 @@ pub struct Arrival {
     pub device: usize,
     /// The port.
     pub port: PortNumber,
-    /// Since the first bit left the MainDevice, jitter of the hops included.
+    /// Time since the first bit left the MainDevice, including jitter of the hops.
     pub after: Picos,
 }
 
-/// What one arrival adds to the one before it.
+/// The time from the previous arrival to this one.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Step {
-    /// The stay before and the hop, without jitter.
+    /// The previous stay and the hop, without jitter.
     takes: Picos,
     edges: Edges,
     device: usize,
-    /// It is the next one of the entries, else of the returns.
+    /// Whether it is the next one of the entries; otherwise of the returns.
     entry: bool,
 }
 
-/// Which port hands frames on when, beside what the wiring says of it.
+/// When a port forwards frames, in addition to the wiring's delays.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Reception {
     pub edges: Edges,
-    /// How much earlier than the delays of the chip say.
+    /// How much earlier than by the delays of the chip.
     pub sooner: Picos,
 }
 
@@ -118,29 +118,29 @@ pub struct Path {
     pub entries: Vec<Arrival>,
     /// All other arrivals.
     pub returns: Vec<Arrival>,
-    /// From the first bit's departure at the MainDevice to its return.
+    /// Time from the first bit's departure at the MainDevice to its return.
     pub round_trip: Picos,
-    /// Where it comes back; `None` if it does not: no cable at the port, a port that sends into nothing,
-    /// a way that goes round for ever.
+    /// Where it comes back; `None` if it does not: no cable at the port, a port that sends without
+    /// a receiver, or an endless way.
     pub end: Option<MainPort>,
-    /// Every SubDevice on the way processes the frame when it first meets it. Not so if cables are
-    /// swapped or the frame comes from the other end of a ring.
+    /// Whether every SubDevice on the way processes the frame when it first meets it. False if
+    /// cables are swapped or the frame comes from the other end of a ring.
     pub processed_first: bool,
-    /// One for each arrival, in the order of time; empty if no hop jitters.
+    /// A step for each arrival, in the order of time; empty if no hop jitters.
     steps: Vec<Step>,
-    /// Behind the last arrival.
+    /// The time after the last arrival.
     last_step: Picos,
 }
 
 impl Path {
-    /// The way of a frame that leaves the MainDevice at `from`. `loops` tells which ports of a SubDevice
-    /// are closed.
+    /// The way of a frame that leaves the MainDevice at `from`. `loops` returns the closed ports of
+    /// a SubDevice.
     pub fn new(wiring: &Wiring, loops: impl Fn(usize) -> Loops, from: MainPort) -> Self {
         Self::over(wiring, loops, |_| true, |_, _| Reception::default(), from)
     }
 
-    /// The same over those cables only that carry signals: what is sent into another is lost.
-    /// `reception` tells what ports of SubDevices add.
+    /// The same over cables that carry signals only: a frame sent into another cable is lost.
+    /// `reception` returns the additional times of ports.
     pub(crate) fn over(
         wiring: &Wiring,
         loops: impl Fn(usize) -> Loops,
@@ -152,7 +152,7 @@ impl Path {
         let mut processed = vec![false; wiring.devices()];
         let mut end = End::Main(from);
         let (mut at, mut before) = (Picos::ZERO, Picos::ZERO);
-        // No port is arrived at twice, unless the way goes round for ever.
+        // No port is reached twice, unless the way is endless.
         let mut most = 4 * wiring.devices() + 1;
         while let Some(hop) = wiring.hop(end).filter(|hop| carries((hop.cable, hop.direction))) {
             at += hop.delay;
@@ -195,8 +195,8 @@ impl Path {
         path
     }
 
-    /// Sets all arrivals, and the round trip, to those of a frame that leaves the MainDevice at
-    /// `start`; `oscillator` gives that of a SubDevice.
+    /// Sets all arrivals and the round trip to those of a frame that leaves the MainDevice at
+    /// `start`; `oscillator` returns the oscillator of a SubDevice.
     pub(crate) fn time<'a>(
         &mut self,
         start: Time<True>,

@@ -1,20 +1,24 @@
-//! The machine behind a drive: two masses on a shaft, moved by the outputs of a SubDevice in true time.
+//! The machine behind a drive: two masses on a shaft, moved by the outputs of a SubDevice in true
+//! time.
 //!
-//! The motor's inertia is joined to the load's by a stiffness and a damping, and the load may have viscous friction:
+//! The motor's inertia is joined to the load's by a stiffness and a damping, and the load may have
+//! viscous friction:
 //!
 //! ```text
 //! Jm θm'' = T - k (θm - θl) - d (θm' - θl')
 //! Jl θl'' =     k (θm - θl) + d (θm' - θl') - f θl'
 //! ```
 //!
-//! The torque T changes at the instants at which outputs act and is constant in between, as the current of a drive is that
-//! gets a new command once a cycle. Between two instants the motion is the Taylor series of the exact solution, cut where what
-//! is left is below the rounding of an f64; only additions, multiplications, divisions and roots are used, so that a run gives the
-//! same bits on every platform.
+//! The torque T changes at the instants at which outputs act and is constant in between, like the
+//! current of a drive with one command in each cycle. Between two instants the motion is the Taylor
+//! series of the exact solution, truncated where the remainder is below the rounding of an f64.
+//! Only additions, multiplications, divisions and roots are used, so that a run gives the same bits
+//! on every platform.
 //!
-//! A [`Plant`] is the machine at its SubDevice: it acts, is seen by the encoder at the instant of Input Latch, and keeps what
-//! acted for the judge ([`judge::plant`](crate::judge::plant)), who has another machine beside it that gets its commands on the
-//! grid.
+//! A [`Plant`] is the machine at its SubDevice: outputs act on it, and the encoder reads it at the
+//! instant of Input Latch. It keeps its actions for the judge
+//! ([`judge::plant`](crate::judge::plant)), which compares it with a plant that gets its commands
+//! on the grid.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -22,26 +26,26 @@ use std::f64::consts::TAU;
 use isocat_maindevice::written::Bits;
 use isocat_wire::time::{Picos, Time, True};
 
-/// A plant of a run: where it hangs, and what it is.
+/// A plant of a run: its place and its properties.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct PlantSetup {
     /// Position of the SubDevice.
     pub device: usize,
-    /// Where in its outputs the command is.
+    /// The bits of the command in its outputs.
     pub command: Bits,
-    /// Where in its inputs the position of the motor is shown, in increments; `None`: nowhere.
+    /// The bits of the motor's position in its inputs, in increments; `None`: not shown.
     pub actual: Option<Bits>,
-    /// What is moved.
+    /// The masses.
     pub masses: TwoMass,
-    /// What the command is.
+    /// The meaning of the command.
     pub control: Control,
-    /// Increments of the encoder to a turn of the motor.
+    /// Increments of the encoder in a turn of the motor.
     pub increments: f64,
-    /// How far the load travels with a turn of the motor, um.
+    /// Travel of the load in a turn of the motor, um.
     pub travel_um: f64,
 }
 
-/// Two masses; all values above zero but for damping and friction, which may be zero.
+/// Two masses; all values above zero, except damping and friction, which may be zero.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct TwoMass {
     /// Inertia of the motor, kg m².
@@ -56,25 +60,27 @@ pub struct TwoMass {
     pub friction: f64,
 }
 
-/// What a command does.
+/// The meaning of a command.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Control {
-    /// It is the torque.
+    /// The command is the torque.
     Torque {
-        /// Nm of an increment of the command.
+        /// Torque of an increment of the command, Nm.
         per_increment: f64,
     },
-    /// It is the position of the motor, in increments of the encoder. Whenever outputs act, a proportional position loop gives
-    /// a speed, and a proportional speed loop the torque; there is neither integral nor feed-forward.
+    /// The command is the position of the motor, in increments of the encoder. Whenever outputs
+    /// act, a proportional position loop gives a speed, and a proportional speed loop the torque;
+    /// there is neither an integral part nor feed-forward.
     Position {
-        /// Speed for a distance, 1/s.
+        /// Gain of the position loop: speed for a distance, 1/s.
         gain: f64,
-        /// Acceleration of the whole machine for a difference of speed, 1/s.
+        /// Gain of the speed loop: acceleration of the whole machine for a difference of speed,
+        /// 1/s.
         speed_gain: f64,
     },
 }
 
-/// Where both masses are, rad, and how fast they turn, rad/s.
+/// The angles of both masses, rad, and their speeds, rad/s.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct State {
     /// Motor: angle.
@@ -94,12 +100,12 @@ impl TwoMass {
         self.stiffness * twist + self.damping * speed
     }
 
-    /// The undamped resonance of both masses against each other, rad/s.
+    /// The undamped resonance of the two masses, rad/s.
     pub fn resonance(&self) -> f64 {
         (self.stiffness * (1.0 / self.motor + 1.0 / self.load)).sqrt()
     }
 
-    /// Where it is after `time` of a constant torque.
+    /// The state after `time` with a constant torque.
     pub fn after(&self, state: State, torque: f64, time: Picos) -> State {
         let seconds = time.0 as f64 * 1e-12;
         let rate = self.resonance()
@@ -110,11 +116,11 @@ impl TwoMass {
         (0..steps as u64).fold(state, |state, _| self.series(state, torque, step))
     }
 
-    /// The Taylor series of the motion. Each term is the derivative of the one before.
+    /// The Taylor series of the motion. Each term is the derivative of the previous one.
     fn series(&self, state: State, torque: f64, step: f64) -> State {
         let mut sum = state;
         let mut term = state;
-        // The torque is constant: it is in the first derivative and in no further one.
+        // The torque is constant, so it is only in the first derivative.
         let mut drive = torque / self.motor;
         for order in 1..=ORDER {
             let coupling = self.coupling(&term);
@@ -135,7 +141,8 @@ impl TwoMass {
     }
 }
 
-/// Steps in which the fastest motion turns by half a radian: 0.5^17/17! is below the rounding of an f64.
+/// Steps in which the fastest motion turns by half a radian: 0.5^17/17! is below the rounding of an
+/// f64.
 const STEPS_PER_RADIAN: f64 = 2.0;
 const ORDER: u32 = 17;
 
@@ -152,37 +159,37 @@ impl PlantSetup {
         }
     }
 
-    /// Increments as an angle, rad.
+    /// Converts increments to an angle, rad.
     pub fn angle(&self, increments: i64) -> f64 {
         increments as f64 / self.increments * TAU
     }
 
-    /// An angle of the motor as travel of the load, um.
+    /// Converts an angle of the motor to travel of the load, um.
     pub fn travel(&self, angle: f64) -> f64 {
         angle / TAU * self.travel_um
     }
 }
 
-/// A machine in motion: since an instant under a constant torque.
+/// A machine in motion under a constant torque.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Motion {
-    /// When.
+    /// Start of the motion.
     pub at: Time<True>,
-    /// How it stood then.
+    /// The state at that time.
     pub state: State,
-    /// The torque since, Nm.
+    /// The torque since then, Nm.
     pub torque: f64,
 }
 
 impl Motion {
-    /// At rest at zero, since power-on.
+    /// The motion at rest at zero, since power-on.
     pub const REST: Self = Self {
         at: Time::ZERO,
         state: State { motor: 0.0, motor_speed: 0.0, load: 0.0, load_speed: 0.0 },
         torque: 0.0,
     };
 
-    /// The same motion seen at another instant; one that is past changes nothing.
+    /// The same motion from another instant on; an earlier instant changes nothing.
     pub fn until(self, masses: &TwoMass, at: Time<True>) -> Self {
         if at <= self.at {
             return self;
@@ -190,19 +197,19 @@ impl Motion {
         Self { at, state: masses.after(self.state, self.torque, at - self.at), ..self }
     }
 
-    /// A command acts at an instant.
+    /// The motion after a command acted.
     pub fn act(self, setup: &PlantSetup, at: Time<True>, command: i64) -> Self {
         let moved = self.until(&setup.masses, at);
         Self { torque: setup.torque(&moved.state, command), ..moved }
     }
 }
 
-/// A motion that outputs began.
+/// A motion that an action of outputs started.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Acted {
-    /// From then on.
+    /// The motion.
     pub motion: Motion,
-    /// When the frame that brought the outputs left the MainDevice; zero where they became safe.
+    /// Send time of the frame that brought the outputs; zero if they became safe.
     pub frame: Time<True>,
 }
 
@@ -211,52 +218,52 @@ pub struct Acted {
 pub struct Plant {
     setup: PlantSetup,
     motion: Motion,
-    /// What came last, and has not acted.
+    /// The last command, which has not acted yet.
     command: Option<i64>,
-    /// The encoder at the last Input Latch.
+    /// The encoder's reading at the last Input Latch.
     latched: i64,
-    /// What acted since somebody looked.
+    /// Actions that were not taken yet.
     acted: VecDeque<Acted>,
     now: Time<True>,
 }
 
 impl Plant {
-    /// At rest at zero.
+    /// A plant at rest at zero.
     pub fn new(setup: PlantSetup) -> Self {
         let (motion, now) = (Motion::REST, Time::ZERO);
         Self { setup, motion, command: None, latched: 0, acted: VecDeque::new(), now }
     }
 
-    /// What acted and was not taken yet, in order.
+    /// Takes the actions since the last call, in order.
     pub fn take_acted(&mut self) -> impl Iterator<Item = Acted> + '_ {
         self.acted.drain(..)
     }
 
-    /// What the SubDevice does next, it does at this instant.
+    /// Sets the time of the next action of the SubDevice.
     pub(crate) fn tell_time(&mut self, now: Time<True>) {
         self.now = now;
     }
 
-    /// Outputs have come.
+    /// Takes the command from outputs that were mapped.
     pub(crate) fn map(&mut self, outputs: &[u8]) {
         self.command = self.setup.command.read(outputs);
     }
 
-    /// They act: those that came last, new or not.
+    /// Lets the last outputs act, new or not.
     pub(crate) fn act(&mut self) {
         let Some(command) = self.command else { return };
         self.motion = self.motion.act(&self.setup, self.now, command);
         self.acted.push_back(Acted { motion: self.motion, frame: Time::ZERO });
     }
 
-    /// The outputs that acted just now were brought by this frame.
+    /// Sets the frame of the outputs that acted just now.
     pub(crate) fn brought_by(&mut self, frame: Time<True>) {
         if let Some(last) = self.acted.back_mut().filter(|last| last.motion.at == self.now) {
             last.frame = frame;
         }
     }
 
-    /// No torque any more.
+    /// Removes the torque.
     pub(crate) fn release(&mut self) {
         self.command = None;
         let motion = self.motion.until(&self.setup.masses, self.now);
@@ -264,13 +271,13 @@ impl Plant {
         self.acted.push_back(Acted { motion: self.motion, frame: Time::ZERO });
     }
 
-    /// The encoder looks.
+    /// Latches the encoder.
     pub(crate) fn latch(&mut self) {
         let angle = self.motion.until(&self.setup.masses, self.now).state.motor;
         self.latched = (angle / TAU * self.setup.increments).floor() as i64;
     }
 
-    /// Shows what it saw; a position beyond the bits begins anew at the other end, as counters do.
+    /// Writes the latched position into the inputs; a position out of range wraps, as in a counter.
     pub(crate) fn show(&self, inputs: &mut [u8]) {
         let Some(place) = self.setup.actual else { return };
         let (least, most) = place.range();
@@ -290,7 +297,8 @@ mod tests {
         assert!((found - expected).abs() <= within, "{found} is not {expected} within {within}");
     }
 
-    /// A step of torque at rest, by the closed form: the common motion is a parabola, the twist a shifted cosine.
+    /// A step of torque at rest is compared with the closed form: the common motion is a parabola,
+    /// the twist a shifted cosine.
     #[test]
     fn an_undamped_machine_is_its_closed_form() {
         let (torque, whole) = (0.5, MASSES.motor + MASSES.load);
@@ -309,7 +317,8 @@ mod tests {
         }
     }
 
-    /// With damping and friction, against the classic Runge-Kutta method of fourth order with steps of 0.1 us.
+    /// A machine with damping and friction is compared with the classic Runge-Kutta method of
+    /// fourth order with steps of 0.1 us.
     #[test]
     fn a_damped_machine_is_what_small_steps_make_of_it() {
         let masses = TwoMass { damping: 0.03, friction: 0.002, ..MASSES };
@@ -335,7 +344,7 @@ mod tests {
         }
     }
 
-    /// However an interval is divided, the motion is the same.
+    /// The motion is the same for every division of an interval.
     #[test]
     fn many_small_steps_are_one_large_one() {
         let masses = TwoMass { damping: 0.03, friction: 0.002, ..MASSES };
@@ -371,7 +380,7 @@ mod tests {
         let at = Time::new(5_000);
         let motion = Motion { at, torque: 0.5, ..Motion::REST };
         assert_eq!(acted, [Acted { motion, frame: Time::new(900) }]);
-        // Released 1 ms later, it goes on without torque.
+        // Released 1 ms later, it continues without torque.
         plant.tell_time(at + MS);
         plant.release();
         let speed = 0.5 * 1e-3 / (MASSES.motor + MASSES.load);

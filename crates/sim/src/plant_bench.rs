@@ -1,4 +1,4 @@
-//! All plants of a run beside those on the grid, and how far axes are from each other.
+//! Compares all plants of a run with ideal plants on the grid, and the axes with each other.
 
 use isocat_maindevice::written::Written;
 use isocat_wire::time::{Dc, Nanos, Picos, Time, True};
@@ -8,33 +8,34 @@ use crate::judge::plant::{LOOKS, PlantJudge, Spread};
 use crate::plant::PlantSetup;
 use crate::segment::Segment;
 
-/// The judges of all plants. They look in the order of true time, and never farther than it is known what every SubDevice did:
-/// that waits for the frames that reach them.
+/// The judges of all plants. They sample in the order of true time, up to the time up to which the
+/// actions of every SubDevice are known; this time advances with the frames that reach them.
 #[derive(Clone, Debug)]
 pub struct PlantBench {
     intent: Intent,
     judges: Vec<PlantJudge>,
-    /// By judge: up to when it is known what acted.
+    /// By judge: the time up to which its actions are known.
     known: Vec<Time<True>>,
-    /// The cycle that is looked at, in system time and in true time, and when the next one begins.
+    /// The present cycle, in system time and in true time, and the start of the next one.
     cycle: (Time<Dc>, Time<True>),
     next: Time<True>,
     look: i64,
     apart: Apart,
 }
 
-/// How differently axes are late: what bends a contour that they make together.
+/// The difference in lateness of the axes, which distorts a common contour.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Apart {
-    /// From the least to the largest deviation of all plants at an instant, um. Nothing is counted where there is one plant.
+    /// Difference of the largest and the least deviation of all plants at an instant, um. A single
+    /// plant has no difference.
     pub distance: Spread,
-    /// When it was largest.
+    /// When the difference was largest.
     pub worst_at: Time<True>,
 }
 
 impl PlantBench {
-    /// Begins with the cycle whose frame is to find the reference clock at a point of system time, which is about
-    /// `begin` in true time.
+    /// Begins with the cycle whose frame should find the reference clock at a point of system time,
+    /// which is about `begin` in true time.
     pub fn new(
         setups: &[PlantSetup],
         intent: Intent,
@@ -52,13 +53,14 @@ impl PlantBench {
             cycle: (begin.0, at),
             next: on_grid(&intent, leader, segment, at + intent.send.cycle.into()),
             intent,
-            // Nothing was meant for this one: the next is the first that counts.
+            // No command is intended for this cycle: the next one is the first that counts.
             look: LOOKS,
             apart: Apart::default(),
         }
     }
 
-    /// Takes what acted, and looks as far as that is known of all. `leader` is the SubDevice whose clock leads, if any does.
+    /// Takes the new actions, and samples as far as all actions are known. `leader` is the
+    /// SubDevice of the reference clock, if there is one.
     pub fn follow(&mut self, segment: &mut Segment, leader: Option<usize>, written: &Written) {
         for (judge, known) in self.judges.iter_mut().zip(&mut self.known) {
             for acted in segment.take_acted(judge.setup().device) {
@@ -67,12 +69,13 @@ impl PlantBench {
         }
         let first = self.known.iter().min().copied().unwrap_or(Time::ZERO);
         let last = self.known.iter().max().copied().unwrap_or(Time::ZERO);
-        // A SubDevice that no frame reaches tells nothing; the others are not kept for ever for it.
+        // A SubDevice that no frame reaches reports no actions; the others wait for it only for a
+        // limited time.
         let until = first.max(Time::new(last.count().saturating_sub(LONGEST_WAIT.0 as u64)));
         self.look_until(until, segment, leader, written);
     }
 
-    /// The run is over, and every SubDevice has lived up to `end`.
+    /// Samples up to the end of the run, when every SubDevice has been advanced to `end`.
     pub fn finish(
         &mut self,
         segment: &mut Segment,
@@ -84,12 +87,12 @@ impl PlantBench {
         self.look_until(end, segment, leader, written);
     }
 
-    /// What was seen of each plant.
+    /// The judges of the plants.
     pub fn judges(&self) -> &[PlantJudge] {
         &self.judges
     }
 
-    /// What was seen of all together.
+    /// The difference between the plants.
     pub fn apart(&self) -> &Apart {
         &self.apart
     }
@@ -126,7 +129,7 @@ impl PlantBench {
         }
     }
 
-    /// The next cycle begins: what is meant for it.
+    /// Begins the next cycle with its intended commands.
     fn next_cycle(&mut self, segment: &Segment, leader: Option<usize>, written: &Written) {
         let bus = self.intent.send.cycle;
         self.cycle = (self.cycle.0 + bus, self.next);
@@ -142,11 +145,12 @@ impl PlantBench {
     }
 }
 
-/// How long nothing is looked at because it is not known what a SubDevice did: what it tells later is taken as of now.
+/// Longest wait for the actions of a SubDevice. Actions that are reported later count from the time
+/// of the report.
 const LONGEST_WAIT: Picos = Picos(10_000_000_000_000);
 
-/// Whether the process data of a SubDevice travel in the cycle of a point of system time: slow ones do in those whose number
-/// is a multiple of theirs.
+/// Whether the process data of a SubDevice is exchanged in the cycle of a point of system time.
+/// Slow SubDevices are exchanged in cycles whose number is a multiple of theirs.
 fn takes_part(intent: &Intent, device: usize, grid: Time<Dc>) -> bool {
     let bus = intent.send.cycle.0;
     let own = intent.exchange.get(device).copied().flatten().map_or(bus, |own| own.cycle.0);
@@ -154,7 +158,8 @@ fn takes_part(intent: &Intent, device: usize, grid: Time<Dc>) -> bool {
     Nanos((since + bus / 2).rem_euclid(own.max(bus))) < Nanos(bus)
 }
 
-/// The instant near a guess at which the clock that leads is on the grid of frames. Without such a clock it is the guess.
+/// The instant near a guess at which the reference clock is on the grid of frames. Without such a
+/// clock it is the guess.
 fn on_grid(
     intent: &Intent,
     leader: Option<usize>,
@@ -165,6 +170,7 @@ fn on_grid(
         return guess;
     };
     let clock = &segment.devices()[leader];
-    // Clocks run within 1 % of true time: what the first step leaves of a microsecond, the second takes away.
+    // Clocks run within 1 % of true time: the second step removes the error that the first step
+    // leaves of a microsecond.
     (0..2).fold(guess, |at, _| at + Picos(-intent.send.error(clock.system_time_ps(at)).0))
 }

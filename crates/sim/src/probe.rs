@@ -1,8 +1,8 @@
-//! Probes at SubDevices and taps in cables: what a frame holds on its way through the segment.
+//! Probes at SubDevices and taps in cables: they record frames on their way through the segment.
 
 use isocat_wire::time::{Time, True};
 
-/// Where a frame was seen.
+/// The place at which a frame was seen.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Sight {
     /// It enters the processing unit of a SubDevice.
@@ -22,13 +22,13 @@ pub struct Probed {
     pub device: usize,
     /// When its first bit passed.
     pub at: Time<True>,
-    /// Where that was.
+    /// The place.
     pub sight: Sight,
-    /// What it holds.
+    /// Its bytes.
     pub bytes: Vec<u8>,
 }
 
-/// The probes and taps of a segment, and what they have seen.
+/// The probes and taps of a segment, and the frames they recorded.
 #[derive(Default)]
 pub(crate) struct Probes {
     /// Positions with a probe, ascending.
@@ -39,21 +39,21 @@ pub(crate) struct Probes {
 }
 
 impl Probes {
-    /// Looks at a SubDevice from now on.
+    /// Adds a probe to a SubDevice.
     pub fn watch(&mut self, device: usize) {
         if let Err(at) = self.devices.binary_search(&device) {
             self.devices.insert(at, device);
         }
     }
 
-    /// Taps the cable at port 0 of a SubDevice from now on.
+    /// Adds a tap to the cable at port 0 of a SubDevice.
     pub fn tap(&mut self, device: usize) {
         if let Err(at) = self.cables.binary_search(&device) {
             self.cables.insert(at, device);
         }
     }
 
-    /// Whether any cable has a tap: frames have to be followed from port to port.
+    /// Whether any cable has a tap, so that frames must be followed from port to port.
     pub fn are_in_cables(&self) -> bool {
         !self.cables.is_empty()
     }
@@ -63,7 +63,7 @@ impl Probes {
         self.cables.binary_search(&device).is_ok()
     }
 
-    /// No SubDevice has a probe.
+    /// Whether no SubDevice has a probe.
     pub fn are_none(&self) -> bool {
         self.devices.is_empty()
     }
@@ -73,12 +73,12 @@ impl Probes {
         self.devices.binary_search(&device).is_ok()
     }
 
-    /// A frame passed a probe.
+    /// Records a frame at a probe.
     pub fn see(&mut self, frame: Probed) {
         self.seen.push(frame);
     }
 
-    /// Gives away what was seen.
+    /// Takes the recorded frames.
     pub fn take(&mut self) -> impl Iterator<Item = Probed> + '_ {
         self.seen.drain(..)
     }

@@ -1,19 +1,19 @@
-//! The one place that random numbers come from: a generator seeded once per run, split per purpose.
+//! The only source of random numbers: a generator with one seed for each run, split by purpose.
 
 use rand_core::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256StarStar;
 
 /// A stream of random numbers for one purpose.
 ///
-/// Streams are split from the run's seed by a name, so that a new consumer of randomness does not
-/// change the numbers of the others.
+/// Streams are split from the run's seed by name, so that a new use of random numbers does not
+/// change the other streams.
 #[derive(Clone, Debug)]
 pub struct Stream(Xoshiro256StarStar);
 
 impl Stream {
-    /// The stream of the run `seed` for the purpose `name` and, where there are several, `number`.
+    /// The stream of the run `seed` for the purpose `name`; `number` distinguishes several of them.
     pub fn new(seed: u64, name: &str, number: u64) -> Self {
-        // FNV-1a over the name: stable for ever, unlike the standard library's hashers.
+        // FNV-1a over the name is stable, unlike the standard library's hashers.
         let hash = name.bytes().fold(0xcbf2_9ce4_8422_2325u64, |h, b| {
             (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
         });
@@ -21,17 +21,17 @@ impl Stream {
         Self(Xoshiro256StarStar::seed_from_u64(mixed))
     }
 
-    /// Uniform in `0..=most`.
+    /// A uniform number in `0..=most`.
     pub fn up_to(&mut self, most: u64) -> u64 {
-        // Multiply-shift; the bias is below 2^-64 x most and no figure can show it.
+        // Multiply-shift; its bias is below 2^-64 × `most`, which no statistic can show.
         ((u128::from(self.0.next_u64()) * (u128::from(most) + 1)) >> 64) as u64
     }
 
-    /// A lateness between 0 and `worst`: the size of a normal deviate whose standard deviation is a
-    /// quarter of `worst`, cut off at `worst`. Mean about a fifth of `worst`.
+    /// A lateness between 0 and `worst`: the absolute value of a normal deviate whose standard
+    /// deviation is a quarter of `worst`, limited to `worst`. Its mean is about a fifth of `worst`.
     pub fn lateness(&mut self, worst: u64) -> u64 {
-        // The sum of twelve uniform numbers, less its mean 6, is close to a normal deviate and needs no
-        // floating point, so that it is the same on every machine.
+        // The sum of twelve uniform numbers, less its mean 6, is close to a normal deviate. It
+        // needs no floating point, so it is the same on every machine.
         const ONE: i64 = 1 << 32;
         let sum: i64 = (0..12).map(|_| (self.0.next_u64() >> 32) as i64).sum();
         let deviate = (sum - 6 * ONE).unsigned_abs();
@@ -39,10 +39,10 @@ impl Stream {
         late.min(worst)
     }
 
-    /// An exponential deviate of this mean, below 44 times the mean. Without floating point, so that it is
-    /// the same on every machine.
+    /// An exponential deviate with this mean, below 44 times the mean. It needs no floating point,
+    /// so it is the same on every machine.
     pub fn exponential(&mut self, mean: u64) -> u64 {
-        // -ln(u) = ln(2) x (64 - log2(number)), the logarithm bit by bit: a square is twice as long.
+        // -ln(u) = ln(2) × (64 - log2(number)). Each squaring gives one bit of the logarithm.
         let number = self.0.next_u64().max(1);
         let zeros = number.leading_zeros();
         let mut mantissa = number << zeros;

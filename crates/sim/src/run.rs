@@ -1,4 +1,4 @@
-//! The main job in one call: bring a segment into synchronization, run it, judge it.
+//! The main job in one call: brings a segment into synchronization, runs it and judges it.
 
 use isocat_maindevice::motion::{Axis, Drive};
 use isocat_maindevice::quality::Change;
@@ -16,36 +16,36 @@ use crate::plant::PlantSetup;
 use crate::plant_bench::PlantBench;
 use crate::world::{Setup, Tap, World};
 
-/// A run: what it is made of, and for how long.
+/// A run: its parts and its duration.
 pub struct Run {
     /// Devices, host, intent, seed.
     pub setup: Setup,
-    /// How long it is judged, from the moment at which all SubDevices are in OP.
+    /// The judged time, from the instant at which all SubDevices are in OP.
     pub duration: Nanos,
     /// Largest SYNC0 error with which a SubDevice counts as synchronized.
     pub sync0_limit: Nanos,
-    /// What the MainDevice's application writes on a timeline.
+    /// Outputs that the MainDevice's application writes on a timeline.
     pub outputs: Vec<Output>,
-    /// The machines behind SubDevices, one at each at most.
+    /// The plants behind SubDevices, at most one for each SubDevice.
     pub plants: Vec<PlantSetup>,
-    /// What is expected of it.
+    /// Its expectations.
     pub expectations: Vec<Expectation>,
-    /// Whether it is followed when each SubDevice is in sync ([`World::course`]); where something is expected, or goes
-    /// wrong, it always is.
+    /// Whether the run records when each SubDevice is in sync ([`World::course`]). With
+    /// expectations or faults it always does.
     pub follow_course: bool,
 }
 
-/// How far a run is.
+/// The progress of a run.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Progress {
-    /// A stage of the way up begins.
+    /// A stage of the bring-up begins.
     Stage(Stage),
-    /// So much of the judged time has passed.
+    /// This part of the judged time has passed.
     Judged(Nanos),
 }
 
-/// Counters of 0x1C32 or 0x1C33, read over the wire at the end of the run; `None`: the SubDevice does
-/// not have it.
+/// Counters of 0x1C32 or 0x1C33, read over the wire at the end of the run; `None`: the SubDevice
+/// does not have it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Counters {
     /// Sub-index 0B.
@@ -60,44 +60,44 @@ pub struct Counters {
 
 /// Result of a run.
 pub struct Outcome<T> {
-    /// The run as it stands after the judged time: MainDevice, SubDevices.
+    /// The run after the judged time: MainDevice, SubDevices.
     pub world: World<Motion, T>,
-    /// The judges as they stood at the end of the judged time.
+    /// The judges at the end of the judged time.
     pub bench: Bench,
-    /// True time at which the judged time began; `None` if it never did.
+    /// Start of the judged time in true time; `None` if it never began.
     pub began: Option<Time<True>>,
-    /// True time at which it ended.
+    /// End of the judged time in true time.
     pub ended: Option<Time<True>>,
     /// Counters of 0x1C32, by position.
     pub output_counters: Vec<Counters>,
     /// Counters of 0x1C33, by position.
     pub input_counters: Vec<Counters>,
-    /// Alarms of what was read in the background that came or went in the judged time, and when in it; none unless
-    /// [`Config::quality`](isocat_maindevice::Config::quality) asks for it.
+    /// Alarms of readings in the background that came or ended in the judged time, with their time
+    /// in it; empty without [`Config::quality`](isocat_maindevice::Config::quality).
     pub alarms: Vec<(Nanos, Change)>,
-    /// What lateness did to the machines; `None` where there are none, and where no clock leads.
+    /// The effect of lateness on the plants; `None` without plants, and without a reference clock.
     pub plants: Option<PlantBench>,
-    /// What became of the expectations.
+    /// The results of the expectations.
     pub judgements: Vec<Judgement>,
-    /// Why the segment is not in sync; empty if it is.
+    /// The reasons why the segment is not in sync; empty if it is.
     pub findings: Vec<Finding>,
-    /// The error that ended the way up, if one did.
+    /// The error that ended the bring-up, if it failed.
     pub failure: Option<isocat_maindevice::Error>,
     /// By position: whether it may be absent.
     pub optional: Vec<bool>,
-    /// How SubDevices that may be absent came and went.
+    /// SubDevices that may be absent and came or were lost.
     pub visits: Vec<Finding>,
-    /// By position: whether it has come and is being taken up.
+    /// By position: whether it has come and is being re-admitted.
     pub joining: Vec<bool>,
 }
 
 impl<T> Outcome<T> {
-    /// Whether every SubDevice ran as it was asked to.
+    /// Whether every SubDevice ran as configured.
     pub fn in_sync(&self) -> bool {
         self.failure.is_none() && self.findings.is_empty()
     }
 
-    /// Whether it was as expected: every expectation was met, or it ran in sync where there are none.
+    /// Whether every expectation was met; without expectations, whether the run was in sync.
     pub fn as_expected(&self) -> bool {
         match &self.judgements[..] {
             [] => self.in_sync(),
@@ -106,16 +106,16 @@ impl<T> Outcome<T> {
     }
 }
 
-/// Virtual time after which a way up that has not ended is given up; every step of it has a deadline
-/// of its own, far below.
+/// Virtual time after which an endless bring-up is given up. Every step of it has a separate
+/// timeout that is far shorter.
 const BRING_UP_LIMIT: Picos = Picos(300_000_000_000_000);
 /// Virtual time for reading the counters at the end.
 const READ_LIMIT: Picos = Picos(10_000_000_000_000);
-/// Steps of the progress that is told.
+/// Time between reports of the progress.
 const PROGRESS: Picos = Picos(100_000_000_000);
 
 impl Run {
-    /// Does it all. `tap` sees every frame, `progress` is told now and then.
+    /// Runs and judges everything. `tap` sees every frame, `progress` is called from time to time.
     pub fn execute<T: Tap>(self, tap: Option<T>, progress: &mut dyn FnMut(Progress)) -> Outcome<T> {
         let devices = self.setup.segment.len();
         let wishes = self.setup.config.devices.iter();
@@ -167,36 +167,37 @@ impl Run {
     }
 }
 
-/// Something that was found, and when: to the picosecond, so that the order of findings is the order of events.
+/// A finding and its time, to the picosecond, so that findings can be sorted in the order of
+/// events.
 #[derive(Clone, Debug)]
 struct Dated {
     device: Option<usize>,
-    /// `None`: it has no time of its own.
+    /// `None`: it has no time.
     at: Option<Time<True>>,
     kind: Kind,
 }
 
 impl Dated {
-    /// The finding in a run that is judged since `began`.
+    /// The finding in a run whose judged time began at `began`.
     fn since(self, began: Time<True>) -> Finding {
         let since = self.at.map(|at| Nanos((at - began).0 / 1000));
         Finding { place: Place { device: self.device, stage: None }, since, kind: self.kind }
     }
 }
 
-/// What the MainDevice reported during the judged time.
+/// Events of the MainDevice during the judged time.
 #[derive(Default)]
 struct Notes {
     working_counter: u64,
     skipped: u64,
     lost: u64,
-    /// What became of SubDevices.
+    /// Changes of the segment.
     changes: Vec<Dated>,
-    /// SubDevices that came or went.
+    /// SubDevices that were lost or admitted.
     moves: Vec<Dated>,
     /// SubDevices that were found.
     found: Vec<Dated>,
-    /// Those that have come and are being taken up.
+    /// SubDevices that have come and are being re-admitted.
     joining: Vec<usize>,
     alarms: Vec<(Time<True>, Change)>,
     answers: Vec<(RequestId, Option<u32>)>,
@@ -223,7 +224,8 @@ fn bring_up<T: Tap>(
     }
 }
 
-/// What the judges of a segment in operation are told of its intent: `limit` is the largest SYNC0 error allowed.
+/// The intent that judges need for a segment in operation; `limit` is the largest SYNC0 error
+/// allowed.
 pub fn intent(main: &MainDevice, limit: Nanos) -> Intent {
     let segment = main.segment();
     let timing = segment.timing.as_ref();
@@ -255,14 +257,15 @@ pub fn intent(main: &MainDevice, limit: Nanos) -> Intent {
     }
 }
 
-/// The judges of the machines, if there are any and a clock leads: without one there is no grid to hold them against.
+/// The judges of the plants, if there are plants and a reference clock: without one there is no
+/// grid to compare with.
 fn plant_bench<T: Tap>(world: &mut World<Motion, T>, setups: &[PlantSetup]) -> Option<PlantBench> {
     let intent = world.bench.intent()?.clone();
     world.main().segment().reference.filter(|_| !setups.is_empty())?;
     let (grid, due) = (world.main().next_grid()?, world.main().next_cycle()?);
     let begin = (grid, world.host().when(due));
     let segment = world.segment_mut();
-    // What acted on the way up is no part of it.
+    // Actions during bring-up are not judged.
     for setup in setups {
         segment.take_acted(setup.device).for_each(drop);
     }
@@ -308,7 +311,7 @@ fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
             list.push(Dated { device, at: Some(world.now()), kind: change.into() });
         }
         match &event {
-            // Once, however often it is tried.
+            // It is noted once, even after several attempts.
             Event::Found { position, cycle } if !notes.joining.contains(position) => {
                 notes.found.push(Dated {
                     device: Some(*position),
@@ -365,7 +368,7 @@ impl<T: Tap> Outcome<T> {
         }
     }
 
-    /// The counters as the MainDevice last read them: after a way up that failed.
+    /// Takes the counters as the MainDevice last read them, after a failed bring-up.
     fn take_counters(&mut self) {
         for (position, device) in self.world.main().segment().devices.iter().enumerate() {
             for (object, counters) in [
@@ -380,7 +383,7 @@ impl<T: Tap> Outcome<T> {
         }
     }
 
-    /// Reads the counters over the wire, while process data go on.
+    /// Reads the counters over the wire while process data continue.
     fn read_counters(&mut self, notes: &mut Notes) {
         let mut asked = Vec::new();
         for position in 0..self.output_counters.len() {
@@ -454,12 +457,12 @@ impl<T: Tap> Outcome<T> {
             at: None,
             kind: kind.into(),
         }));
-        // What came first is nearest to the cause; what has no time of its own comes last.
+        // The first findings are nearest to the cause; findings without a time come last.
         findings.sort_by_key(|dated| (dated.at.is_none(), dated.at));
         self.findings = findings.into_iter().map(|dated| dated.since(began)).collect();
     }
 
-    /// Looks what became of what was expected.
+    /// Judges the expectations.
     fn hold_against(&mut self, expectations: &[Expectation]) {
         let timeline = self.world.timeline();
         let ended = self.ended.unwrap_or(self.world.now());
@@ -481,7 +484,7 @@ impl<T: Tap> Outcome<T> {
         self.optional.get(position).copied().unwrap_or(false)
     }
 
-    /// What speaks against one SubDevice, and since when.
+    /// The findings about one SubDevice, and their times.
     fn judge_device(
         &self,
         position: usize,
@@ -492,7 +495,7 @@ impl<T: Tap> Outcome<T> {
         let devices = &self.world.main().segment().devices;
         let left_out = devices[position].left_out.is_some();
         let absent = (self.is_optional(position) || left_out) && !devices[position].admitted;
-        // Who may come and go is on its way up or down now and then.
+        // A SubDevice that may be absent can leave OP for a while without a fault.
         let mut states = bench.states.iter();
         let left = match self.is_optional(position) {
             false => states.find(|change| change.at > began),
@@ -529,7 +532,7 @@ impl<T: Tap> Outcome<T> {
         ] {
             if let Some(complaint) = counters.complaint(index) {
                 findings.push((None, complaint));
-                // The inputs' object mirrors the outputs'.
+                // The inputs' object has the same counters as the outputs'.
                 break;
             }
         }
@@ -563,11 +566,11 @@ impl<T: Tap> Outcome<T> {
     }
 }
 
-/// Cycles in which a drive must have switched on.
+/// Number of cycles within which a drive must have switched on.
 const SWITCH_ON_CYCLES: u64 = 100;
 
 impl Counters {
-    /// What the SubDevice itself says went wrong, and its missed events do not tell already.
+    /// A finding from the SubDevice's own counters, if its missed events do not already show it.
     fn complaint(&self, index: u16) -> Option<Judged> {
         let counted = |value: Option<u32>| value.filter(|count| *count > 0);
         let object = |sub| ObjectAddress::new(index, sub);

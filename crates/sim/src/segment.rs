@@ -21,41 +21,43 @@ use crate::plant::{Acted, PlantSetup};
 use crate::probe::{Probed, Probes, Sight};
 use crate::wiring::{End, MainPort, PortTaken, Stay, Wiring};
 
-/// Where a SubDevice hangs, and what it is.
+/// The place and the parts of a SubDevice.
 pub struct Connection {
-    /// The SubDevice upstream (its index in the list) and its port; `None` hangs on the MainDevice's
+    /// The SubDevice upstream (its index in the list) and its port; `None`: the MainDevice's
     /// primary port.
     pub parent: Option<(usize, PortNumber)>,
-    /// The port of its own that the cable upstream is plugged into. Port 0 is right; any other is a
+    /// The SubDevice's own port for the cable upstream. Port 0 is correct; any other port is a
     /// swapped cable, which frames pass in reverse.
     pub port: PortNumber,
     /// The cable upstream.
     pub cable: Cable,
-    /// The PHYs of its ports; `None`: as its chip has them.
+    /// The PHYs of its ports; `None`: those of its chip.
     pub phys: Option<[Phy; 4]>,
-    /// Each hop to it takes its own time for every frame, as its receive FIFOs take it into its
-    /// clock ([`isocat_esc::rx_fifo`]). Default yes; without, the time of a hop is the same for
-    /// all, and the size of FIFOs (0x0100 bits 18:16) changes nothing.
+    /// Whether each hop to it takes a different time for every frame, since its receive FIFOs
+    /// transfer frames into its clock ([`isocat_esc::rx_fifo`]). Default yes. Without it, the time
+    /// of a hop is constant, and the size of FIFOs (0x0100 bits 18:16) has no effect.
     pub hop_jitter: bool,
     /// The SubDevice.
     pub device: DeviceSetup,
-    /// When it gets its power: what stands at zero is there from the start.
+    /// When it gets its power; zero: from the start.
     pub power_on: Time<True>,
 }
 
 impl Connection {
-    /// A SubDevice behind a port of another (or of the MainDevice), plugged in at its port 0; hops
-    /// to it jitter.
+    /// A SubDevice behind a port of another one (or of the MainDevice), connected by its port 0;
+    /// hops to it jitter.
     pub fn new(parent: Option<(usize, PortNumber)>, cable: Cable, device: DeviceSetup) -> Self {
         let (port, power_on) = (PortNumber::P0, Time::ZERO);
         Self { parent, port, cable, phys: None, hop_jitter: true, device, power_on }
     }
 }
 
-/// The cable that makes a ring of a segment: it leads from a SubDevice to the MainDevice's secondary port.
+/// The cable that makes a segment a ring: it leads from a SubDevice to the MainDevice's secondary
+/// port.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Closing {
-    /// The SubDevice, by its index in the list: the last one that frames from the primary port pass, as a rule.
+    /// The SubDevice, by its index in the list; usually the last one that frames from the primary
+    /// port pass.
     pub device: usize,
     /// Its port; it must be free.
     pub port: PortNumber,
@@ -63,40 +65,40 @@ pub struct Closing {
     pub cable: Cable,
 }
 
-/// All SubDevices behind one MainDevice port, or in a ring between two.
+/// All SubDevices behind one MainDevice port, or in a ring between two ports.
 ///
-/// Cables are numbered as the SubDevices that they lead to; those laid later
+/// Cables have the numbers of the SubDevices to which they lead; cables laid later
 /// ([`Segment::close_ring`]) follow.
 ///
 /// - Frames: [`pass`](Self::pass), [`pass_from`](Self::pass_from);
-/// - what happens to cables: [`unplug`](Self::unplug), [`plug`](Self::plug),
-///   [`disturb`](Self::disturb), and to SubDevices: [`power_off`](Self::power_off),
-///   [`power_on`](Self::power_on), each at a point of true time that no frame has passed yet;
-/// - what SubDevices do by themselves: [`advance`](Self::advance).
+/// - changes of cables: [`unplug`](Self::unplug), [`plug`](Self::plug), [`disturb`](Self::disturb),
+///   and of SubDevices: [`power_off`](Self::power_off), [`power_on`](Self::power_on), each at a
+///   point of true time that no frame has passed yet;
+/// - internal events of SubDevices: [`advance`](Self::advance).
 pub struct Segment {
     pub(crate) devices: Vec<Device>,
     pub(crate) wiring: Wiring,
-    /// Phase of the clock that takes frames from the wire, by SubDevice.
+    /// By SubDevice: phase of the clock that takes frames from the wire.
     receive_phases: Vec<u64>,
     pub(crate) disturbances: Disturbances,
-    /// The way of frames from each MainDevice port, as of the last look at the loops.
+    /// The way of frames from each MainDevice port, as last computed from the loops.
     pub(crate) paths: [Path; 2],
-    /// Loops have changed since.
+    /// Whether loops have changed since then.
     pub(crate) stale: bool,
-    /// A frame may have written what changes loops, and some may still be about to.
+    /// Whether a frame may have changed loops, some of which may still be about to change.
     unsettled: bool,
-    /// Whom frames from each MainDevice port concern.
+    /// The audiences of frames from each MainDevice port.
     audiences: [Audience; 2],
-    /// The datagrams of the frame under way.
+    /// The datagrams of the present frame.
     items: Vec<Item>,
-    /// By SubDevice: the frame under way latches receive times.
+    /// By SubDevice: whether the present frame latches receive times.
     pub(crate) latched: Vec<bool>,
     any_latched: bool,
     pub(crate) next_frame: NextFrame,
     last_frame: Option<(MainPort, Time<True>)>,
-    /// When the frame set out of which the one under way is a copy.
+    /// Send time of the frame of which the present one is a copy.
     pub(crate) copy_of: Option<Time<True>>,
-    /// Which SubDevices the frame that is followed has met, and its arrivals.
+    /// The SubDevices that the followed frame has met, and its arrivals.
     pub(crate) met: Vec<bool>,
     pub(crate) trail: Vec<Arrival>,
     pub(crate) probes: Probes,
@@ -107,11 +109,11 @@ pub struct Segment {
 /// A frame that has come back.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Returned {
-    /// Where.
+    /// The port.
     pub port: MainPort,
-    /// When its first bit is back.
+    /// When its first bit arrives.
     pub first_bit: Time<True>,
-    /// When its last bit is back.
+    /// When its last bit arrives.
     pub last_bit: Time<True>,
     /// Whether its check sequence is right.
     pub good: bool,
@@ -122,37 +124,37 @@ pub struct Returned {
 pub enum Lost {
     /// An open port has no cable.
     NoCable(End),
-    /// A cable was pulled before the last bit was through.
+    /// A cable was pulled before the last bit had passed.
     Unplugged {
         /// The cable.
         cable: usize,
     },
     /// It was lost between the MainDevice and its port.
     AtThePort,
-    /// It was lost by chance, on a cable that is whole.
+    /// It was lost at random, on a cable that is whole.
     OnTheWay {
         /// The cable.
         cable: usize,
     },
-    /// A closed port does not take it.
+    /// A closed port does not accept it.
     Closed {
         /// The SubDevice.
         device: usize,
         /// The port.
         port: PortNumber,
     },
-    /// An ESC destroyed it: it came by for the second time, or is none of EtherCAT.
+    /// An ESC destroyed it: it came for the second time, or is not EtherCAT.
     Destroyed {
         /// The SubDevice.
         device: usize,
     },
-    /// It goes round for ever.
+    /// It circulates endlessly.
     Circulates,
 }
 
 impl Segment {
-    /// Switches all SubDevices on, at true time zero or when they are to come, cables connected. Panics if cables do not go
-    /// together: two at one port, or one at a port that the chip has not.
+    /// Switches all SubDevices on, at true time zero or at their own time, with connected cables.
+    /// Panics if two cables share a port, or a chip does not have a port with a cable.
     pub fn new(connections: Vec<Connection>, seed: u64) -> Self {
         let wiring = wire(&connections);
         let exists = connections.iter().any(|it| it.device.chip.stamps_next_frame);
@@ -199,8 +201,8 @@ impl Segment {
         segment
     }
 
-    /// Connects a free port of a SubDevice, the last one as a rule, with the MainDevice's secondary port.
-    /// Gives the number of the cable.
+    /// Connects a free port of a SubDevice, usually the last one, with the MainDevice's secondary
+    /// port. Returns the number of the cable.
     pub fn close_ring(
         &mut self,
         device: usize,
@@ -214,7 +216,7 @@ impl Segment {
         Ok(number)
     }
 
-    /// Lays the cable that closes the ring, if there is one. Panics where it can't be plugged in.
+    /// Lays the cable that closes the ring, if there is one. Panics if a port is not free.
     pub fn in_ring(mut self, closing: Option<Closing>) -> Self {
         if let Some(Closing { device, port, cable }) = closing
             && let Err(PortTaken(end)) = self.close_ring(device, port, cable)
@@ -226,8 +228,8 @@ impl Segment {
         self
     }
 
-    /// Whether what is regular in a cycle takes the short way; it does unless told otherwise. All that happens is the same
-    /// with and without, to the last bit: only the time that the simulation takes depends on it.
+    /// Sets whether regular operation takes the fast lane, which is the default. All events are
+    /// bit-identical with and without it: only the duration of the simulation depends on it.
     pub fn set_lane(&mut self, on: bool) {
         self.lane = on;
         for device in &mut self.devices {
@@ -235,28 +237,29 @@ impl Segment {
         }
     }
 
-    /// Has frames kept as they enter and leave a SubDevice that processes them; without effect if there is none.
+    /// Records frames that enter and leave a SubDevice that processes them; without effect if there
+    /// is none.
     pub fn probe(&mut self, device: usize) {
         if device < self.devices.len() {
             self.probes.watch(device);
         }
     }
 
-    /// Has frames kept on the cable at port 0 of a SubDevice, in both directions; without effect if there is none.
-    /// All frames are then followed from port to port.
+    /// Records frames on the cable at port 0 of a SubDevice, in both directions; without effect if
+    /// there is none. All frames are then followed from port to port.
     pub fn tap(&mut self, device: usize) {
         if device < self.devices.len() {
             self.probes.tap(device);
         }
     }
 
-    /// What the probes and taps have seen since the last look.
+    /// Takes the frames that probes and taps recorded since the last call.
     pub(crate) fn take_probed(&mut self) -> impl Iterator<Item = Probed> + '_ {
         self.probes.take()
     }
 
-    /// The number of the cable that a fault means: [`RING_CABLE`](crate::fault::RING_CABLE) is the one that closes the ring.
-    /// Panics where that is meant and there is none.
+    /// The number of the cable that a fault names: [`RING_CABLE`](crate::fault::RING_CABLE) is the
+    /// one that closes the ring. Panics if it is named but does not exist.
     pub(crate) fn cable_number(&self, meant: usize) -> usize {
         match meant {
             RING_CABLE => {
@@ -276,28 +279,28 @@ impl Segment {
 
     /// One SubDevice.
     pub fn device_mut(&mut self, index: usize) -> &mut Device {
-        // Whatever is done to it, the next frame looks.
+        // The device may be changed in any way, so the next frame rebuilds the audiences.
         self.forget_audiences();
         &mut self.devices[index]
     }
 
-    /// Cables and delays.
+    /// The cables and delays.
     pub fn wiring(&self) -> &Wiring {
         &self.wiring
     }
 
-    /// The way of frames from the primary port, and its times, as of the last frame that set out.
+    /// The way of frames from the primary port, with the times of the last frame sent.
     pub fn path(&self) -> &Path {
         self.path_from(MainPort::Primary)
     }
 
-    /// The way of frames from a port, and its times, as of the last frame that set out.
+    /// The way of frames from a port, with the times of the last frame sent.
     pub fn path_from(&self, port: MainPort) -> &Path {
         &self.paths[port as usize]
     }
 
-    /// Pulls a cable; that of a SubDevice's number is the one upstream of it. Panics if it was changed
-    /// later than `at`, or does not exist.
+    /// Pulls a cable; the number of a SubDevice names the cable upstream of it. Panics if it was
+    /// changed later than `at`, or does not exist.
     pub fn unplug(&mut self, cable: usize, at: Time<True>) {
         for line in lines(cable) {
             self.disturbances.cut(&self.wiring, line, at, Cause::Pulled);
@@ -311,39 +314,40 @@ impl Segment {
         }
     }
 
-    /// Breaks one way of a cable: the ESC that listens at its end loses its link, the other one keeps it and sends into
-    /// nothing. Panics as [`unplug`](Self::unplug) does.
+    /// Breaks one direction of a cable: the ESC at the receiving end loses its link, the other one
+    /// keeps it and sends without effect. Panics as [`unplug`](Self::unplug) does.
     pub fn break_way(&mut self, cable: usize, direction: Direction, at: Time<True>) {
         self.disturbances.cut(&self.wiring, (cable, direction), at, Cause::Broken);
     }
 
-    /// Mends one way of a cable again. Panics as [`unplug`](Self::unplug) does.
+    /// Repairs one direction of a cable. Panics as [`unplug`](Self::unplug) does.
     pub fn mend_way(&mut self, cable: usize, direction: Direction, at: Time<True>) {
         self.disturbances.restore(&self.wiring, (cable, direction), at, Cause::Broken);
     }
 
-    /// The MainDevice's port at the end of a cable goes away: the cable is cut as if it was pulled, whatever else is done to it.
+    /// Takes the link of the MainDevice's port at a cable away: the cable is cut as if it was
+    /// pulled, independent of other changes.
     pub(crate) fn take_link(&mut self, cable: usize, at: Time<True>) {
         for line in lines(cable) {
             self.disturbances.cut(&self.wiring, line, at, Cause::NoPort);
         }
     }
 
-    /// The port is there again.
+    /// Restores the link of the port.
     pub(crate) fn restore_link(&mut self, cable: usize, at: Time<True>) {
         for line in lines(cable) {
             self.disturbances.restore(&self.wiring, line, at, Cause::NoPort);
         }
     }
 
-    /// Puts another cable in the place of one, so fast that no link is lost. Takes effect with the next frame.
-    /// Panics if there is no cable with this number.
+    /// Replaces a cable so fast that no link is lost. Takes effect with the next frame. Panics if
+    /// there is no cable with this number.
     pub fn replace_cable(&mut self, number: usize, cable: Cable) {
         self.wiring.replace(number, cable);
         self.stale = true;
     }
 
-    /// The same with one of another length, mm, whose signals are as fast.
+    /// The same with a cable of another length, mm, with an equal signal speed.
     pub(crate) fn relay(&mut self, number: usize, millimetres: u64) {
         let old = *self.wiring.cable(number).0;
         let new = Cable {
@@ -354,23 +358,23 @@ impl Segment {
         self.replace_cable(number, new);
     }
 
-    /// Takes a SubDevice's power away. From `at` on it does nothing, and its neighbours lose their links
-    /// to it as if all its cables were pulled. Panics if it, or one of its cables, was changed later than
-    /// `at`.
+    /// Switches a SubDevice off. From `at` on it does nothing, and its neighbours lose their links
+    /// to it as if all its cables were pulled. Panics if it, or one of its cables, was changed
+    /// later than `at`.
     pub fn power_off(&mut self, device: usize, at: Time<True>) {
         self.disturbances.power(&self.wiring, device, at, false);
     }
 
-    /// Gives a SubDevice its power back: it starts anew, in INIT and with all registers at their reset
-    /// values, but with the EEPROM as it was written. Its local time begins at 0. Links come back as after
-    /// plugging in, over those cables that are not pulled and whose other end has power. Panics if it, or
+    /// Switches a SubDevice on again: it starts in INIT with the reset values of all registers, but
+    /// keeps the content of its EEPROM. Its local time begins at 0. Links come back as after
+    /// plugging in, over cables that are not pulled and whose other end has power. Panics if it, or
     /// one of its cables, was changed later than `at`.
     pub fn power_on(&mut self, device: usize, at: Time<True>) {
         self.disturbances.power(&self.wiring, device, at, true);
     }
 
-    /// Whether a SubDevice with this chip can come in the place of one: where there are cables, it has ports of the same
-    /// kind. Otherwise the first port that it has not.
+    /// Checks that a SubDevice with this chip can replace another: it needs ports of the same kind
+    /// at all cables. Otherwise returns the first port that is missing.
     pub fn takes(&self, position: usize, chip: &Chip) -> Result<(), PortNumber> {
         let old = self.devices[position].esc.chip();
         let wired = |port: &PortNumber| self.wiring.hop(End::Port(position, *port)).is_some();
@@ -378,8 +382,8 @@ impl Segment {
         PortNumber::ALL.into_iter().filter(wired).find(missing).map_or(Ok(()), Err)
     }
 
-    /// Puts another SubDevice in the place of one. It has no power yet, as the old one must not have; its chip must have
-    /// the ports at which there are cables. Panics otherwise.
+    /// Replaces a SubDevice by another one. It has no power yet, and the old one must have none;
+    /// its chip must have the ports at which there are cables. Panics otherwise.
     pub(crate) fn replace_device(&mut self, position: usize, setup: DeviceSetup, seed: u64) {
         assert!(!self.devices[position].is_powered(), "SubDevice {position} has its power still");
         if let Err(port) = self.takes(position, &setup.chip) {
@@ -396,13 +400,13 @@ impl Segment {
         self.forget_audiences();
     }
 
-    /// The first instant at which whatever happens finds no frame on its way any more: `at`, or behind the last frame.
+    /// The first instant without any frame in flight: `at`, or after the last frame.
     pub(crate) fn behind_frames(&self, at: Time<True>) -> Time<True> {
         let Some((from, start)) = self.last_frame else { return at };
         at.max(start + self.paths[from as usize].round_trip + duration(frame::MAX_LEN))
     }
 
-    /// Writes a register of one SubDevice as a frame would that nobody else sees.
+    /// Writes a register of one SubDevice like a frame that only it sees.
     pub(crate) fn write_register(
         &mut self,
         device: usize,
@@ -415,7 +419,7 @@ impl Segment {
         device.write_register(device.oscillator().read(at), address, data, watch);
     }
 
-    /// A SubDevice does something wrong from now on, or no longer.
+    /// Begins or ends a misbehaviour of a SubDevice.
     pub(crate) fn misbehave(
         &mut self,
         device: usize,
@@ -427,7 +431,7 @@ impl Segment {
         device.misbehave(device.oscillator().read(at), how, begins);
     }
 
-    /// The application of a SubDevice can't go on.
+    /// Lets the application of a SubDevice fail.
     pub(crate) fn fail_device(
         &mut self,
         device: usize,
@@ -439,12 +443,12 @@ impl Segment {
         device.fail(device.oscillator().read(at), code, watch);
     }
 
-    /// Lets a bit tip over on a cable.
+    /// Flips a bit on a cable.
     pub fn disturb(&mut self, error: BitError) {
         self.disturbances.disturb(error);
     }
 
-    /// Sends a frame through the SubDevices from the primary port; see [`Segment::pass_from`].
+    /// Passes a frame through the SubDevices from the primary port; see [`Segment::pass_from`].
     pub fn pass(
         &mut self,
         bytes: &mut [u8],
@@ -454,8 +458,8 @@ impl Segment {
         self.pass_from(MainPort::Primary, bytes, start, watch)
     }
 
-    /// Sends a frame as [`pass_from`](Self::pass_from) does, or a copy of the one that left at `first`: what a copy brings is
-    /// what that one brought.
+    /// Passes a frame as [`pass_from`](Self::pass_from) does, or a copy of the frame that left at
+    /// `first`: the data of a copy counts as that of the original.
     pub(crate) fn pass_copy(
         &mut self,
         from: MainPort,
@@ -469,8 +473,8 @@ impl Segment {
         fate
     }
 
-    /// Sends a frame through the SubDevices, whose first bit leaves a port of the MainDevice at `start`.
-    /// They answer in place. Tells where and when it comes back.
+    /// Passes a frame through the SubDevices; its first bit leaves a port of the MainDevice at
+    /// `start`. The SubDevices answer in place. Returns where and when it comes back.
     pub fn pass_from(
         &mut self,
         from: MainPort,
@@ -488,7 +492,7 @@ impl Segment {
         let quiet = !self.unsettled && self.disturbances.are_quiet(start, last_bit);
         let quiet = quiet && !self.probes.are_in_cables();
         let port = match path.end {
-            // Against the order of a whole ring: nobody looks into it.
+            // Against the order of a whole ring no SubDevice processes it.
             Some(port) if quiet && path.entries.is_empty() => {
                 self.remember_frame(from, start);
                 return Ok(Returned { port, first_bit: start + round_trip, last_bit, good: true });
@@ -523,11 +527,11 @@ impl Segment {
         Ok(Returned { port, first_bit: start + round_trip, last_bit, good: true })
     }
 
-    /// Leads a frame past those whom its datagrams may concern.
+    /// Passes a frame to the SubDevices that its datagrams may concern.
     ///
-    /// The others are not looked at; what they do by themselves until it passes happens at their next
-    /// visit, or with [`Self::catch_up`]. (Should one reset itself from its own side, or open a loop, the
-    /// way of frames changes with that visit.)
+    /// The other SubDevices are not visited; their internal events until then are processed at
+    /// their next visit, or with [`Self::catch_up`]. (If one of them resets itself or opens a loop,
+    /// the way of frames changes with that visit.)
     fn pass_to_audience(
         &mut self,
         from: MainPort,
@@ -570,8 +574,8 @@ impl Segment {
         entries.filter(|(_, entry)| self.probes.sees(entry.device)).map(|(at, _)| at).collect()
     }
 
-    /// Shows a probe the frame as it enters or (`processed`) leaves its place: what was counted beside the frame is
-    /// written into a copy.
+    /// Shows a probe the frame as it enters or (`processed`) leaves its place. Values that were
+    /// counted separately are written into a copy.
     fn look(
         &mut self,
         (from, place): (MainPort, usize),
@@ -601,7 +605,7 @@ impl Segment {
         self.probes.see(Probed { device, at, sight, bytes });
     }
 
-    /// Leads a frame past everybody, where each one has to see all of it.
+    /// Passes a frame to all SubDevices, if each must process all of it.
     fn pass_to_all(
         &mut self,
         from: MainPort,
@@ -618,8 +622,8 @@ impl Segment {
         Ok(())
     }
 
-    /// Before a frame that leaves at `start`: what may have changed its reach is brought to the frame's
-    /// arrival, so that the audience is right.
+    /// Prepares a frame that leaves at `start`: SubDevices whose reach may have changed are
+    /// advanced to the frame's arrival, so that the audience is right.
     fn settle_audience(
         &mut self,
         from: MainPort,
@@ -644,7 +648,7 @@ impl Segment {
         }
     }
 
-    /// A frame that was parsed passes a SubDevice.
+    /// Passes a parsed frame to a SubDevice.
     fn offer(
         &mut self,
         (from, place): (MainPort, usize),
@@ -660,7 +664,7 @@ impl Segment {
         device.advance(begin, watch);
         self.stale |= device.ports_changed();
         let esc = &mut device.esc;
-        // Only a reset from the device's own side can have come since the audience was gathered.
+        // Since the audience was gathered, only a reset by the device itself is possible.
         audience.update(place, esc.reach_version(), || esc.reach());
         esc.begin_frame(begin);
         let mut latch = false;
@@ -691,7 +695,8 @@ impl Segment {
         }
     }
 
-    /// A frame passes a SubDevice that has to see all of it; tells the SubDevice if it destroys the frame.
+    /// Passes a frame to a SubDevice that must process all of it; returns the SubDevice if it
+    /// destroys the frame.
     fn offer_whole(
         &mut self,
         (from, place): (MainPort, usize),
@@ -725,7 +730,8 @@ impl Segment {
         processed.destroyed.then_some(entry.device)
     }
 
-    /// Writes what was counted beside the frame into it: by so many places.
+    /// Writes the values that were counted separately into the frame: those of this number of
+    /// places.
     fn finish(
         &self,
         from: MainPort,
@@ -747,7 +753,7 @@ impl Segment {
         }
     }
 
-    /// The frame comes back at the ports of those that latch its times.
+    /// Latches the return of the frame at the ports of SubDevices that latch its times.
     fn latch_returns(&mut self, from: MainPort, start: Time<True>) {
         if !std::mem::take(&mut self.any_latched) {
             return;
@@ -766,17 +772,18 @@ impl Segment {
         self.latched.fill(false);
     }
 
-    /// Hangs a machine on the SubDevice that it names.
+    /// Attaches a plant to the SubDevice that it names.
     pub(crate) fn attach(&mut self, plant: PlantSetup) {
         self.devices[plant.device].attach(plant);
     }
 
-    /// What acted on the machine of a SubDevice since somebody asked, in order; nothing without a machine.
+    /// Takes the actions on the plant of a SubDevice since the last call, in order; empty without a
+    /// plant.
     pub(crate) fn take_acted(&mut self, device: usize) -> impl Iterator<Item = Acted> + '_ {
         self.devices[device].take_acted()
     }
 
-    /// Brings every SubDevice to the instant at which the last frame passed it.
+    /// Advances every SubDevice to the instant at which the last frame passed it.
     pub fn catch_up(&mut self, watch: &mut impl FnMut(Observation)) {
         let Some((from, start)) = self.last_frame else { return };
         for entry in &self.paths[from as usize].entries {
@@ -786,14 +793,15 @@ impl Segment {
         }
     }
 
-    /// Something was done past the audiences: the next frame looks at everybody.
+    /// Called after a change that the audiences do not know: the next frame rebuilds them.
     pub(crate) fn forget_audiences(&mut self) {
         self.audiences = [MainPort::Primary, MainPort::Secondary]
             .map(|port| Audience::new(self.paths[port as usize].entries.len()));
     }
 
-    /// Lets everything happen that happens up to `at` by itself, if nothing was done to the SubDevices but by
-    /// frames and cables: no frame may come earlier. Cheaper than [`advance`](Self::advance).
+    /// Processes all internal events up to `at`. Only valid if SubDevices were changed by frames
+    /// and cables alone; no later frame may come earlier. It is cheaper than
+    /// [`advance`](Self::advance).
     pub fn live(&mut self, at: Time<True>, watch: &mut impl FnMut(Observation)) {
         while let Some(notice) = self.disturbances.take_notice(at, None) {
             self.notice(notice, true, watch);
@@ -805,7 +813,7 @@ impl Segment {
         }
     }
 
-    /// Lets everything happen that happens up to `at` by itself.
+    /// Processes all internal events up to `at`.
     pub fn advance(&mut self, at: Time<True>, watch: &mut impl FnMut(Observation)) {
         while let Some(notice) = self.disturbances.take_notice(at, None) {
             self.notice(notice, true, watch);
@@ -817,7 +825,7 @@ impl Segment {
         }
     }
 
-    /// Before a frame sets out: links that have changed by then, and the ways that they make.
+    /// Prepares a frame: applies the links that have changed by then, and computes the new ways.
     fn settle(&mut self, start: Time<True>, watch: &mut impl FnMut(Observation)) {
         while let Some(notice) = self.disturbances.take_notice(start, None) {
             self.notice(notice, true, watch);
@@ -831,9 +839,8 @@ impl Segment {
         }
     }
 
-    /// A SubDevice loses its power or gets it back, or its ESC notices that a link has come or gone. What
-    /// it did before, it did without knowing, if it may be `advance`d: no frame that comes earlier will be
-    /// told of later.
+    /// Applies a change of a SubDevice's power or link. With `advance`, its events before the
+    /// change are processed first; no frame may then come earlier.
     pub(crate) fn notice(
         &mut self,
         notice: Notice,
@@ -857,7 +864,7 @@ impl Segment {
         self.stale = true;
     }
 
-    /// Both ends of a cable have a link from the beginning.
+    /// Gives both ends of a cable a link from the start.
     fn link_up(&mut self, cable: usize) {
         for end in self.wiring.cable(cable).1 {
             if let End::Port(device, port) = end {
@@ -872,8 +879,7 @@ impl Segment {
         }
     }
 
-    /// What a port of a SubDevice adds to the time of what it receives, by its DL control as it
-    /// stands.
+    /// The additional time at a port of a SubDevice for received frames, by its present DL control.
     fn reception(&self, device: usize, port: PortNumber) -> Reception {
         if !self.wiring.stay(device).hop_jitter {
             return Reception::default();
@@ -884,15 +890,15 @@ impl Segment {
         Reception { edges, sooner: receiver.reduction }
     }
 
-    /// When a frame that is at a port of a SubDevice at `at`, by the delays of the wiring, is
-    /// handed on by it.
+    /// When a port of a SubDevice forwards a frame that arrives at `at` by the delays of the
+    /// wiring.
     pub(crate) fn received(&self, device: usize, port: PortNumber, at: Time<True>) -> Time<True> {
         let Reception { edges, sooner } = self.reception(device, port);
         let at = at + Picos(-sooner.0);
         at + edges.wait(self.devices[device].oscillator(), at)
     }
 
-    /// Computes the ways of frames anew, as they are at `at`.
+    /// Computes the ways of frames at `at` again.
     fn refresh(&mut self, at: Time<True>) {
         for device in &mut self.devices {
             device.clear_ports_changed();
@@ -910,8 +916,8 @@ impl Segment {
     }
 }
 
-/// Whether a frame writes DL control or resets ESCs. Frames are followed port by port from then on,
-/// until all loops have settled; what is written there through an FMMU is found at the next visit.
+/// Whether a frame writes DL control or resets ESCs. Frames are then followed port by port until
+/// all loops have settled; a write through an FMMU is found at the next visit.
 fn may_change_loops(bytes: &[u8]) -> bool {
     let Ok(payload) = frame::payload(bytes) else { return false };
     datagrams(payload).map_while(Result::ok).any(|datagram| {
@@ -929,8 +935,8 @@ fn may_change_loops(bytes: &[u8]) -> bool {
 /// Registers that change loops: ESC reset, DL control.
 const LOOPS: [std::ops::Range<usize>; 2] = [0x0040..0x0041, 0x0100..0x0104];
 
-/// The order in which frames are processed by SubDevices that hang together like this: for each the
-/// parent and its port, and the own port upstream. It is the order of their positions.
+/// The order in which SubDevices with these connections process frames: for each its parent and the
+/// parent's port, and its own port upstream. It is the order of their positions.
 pub fn processing_order(links: &[(Option<(usize, PortNumber)>, PortNumber)]) -> Vec<usize> {
     let phys = [Phy::default(); 4];
     let stay = Stay { processing: Picos(1), forwarding: Picos(1), phys, hop_jitter: false };

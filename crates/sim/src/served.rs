@@ -1,12 +1,12 @@
 //! A segment in host time: frames come from a MainDevice that is not part of the simulation.
 //!
-//! True time is the host's clock, counted from the instant at which the segment is switched on. A frame
-//! meets the segment at the instant at which it came in, however late it is looked at: what the
-//! SubDevices see is the wire, and not how busy the program is. Frames that come faster than 100 Mbit/s
-//! follow one another as they would on a cable.
+//! True time is the host's clock, counted from the instant at which the segment is switched on. A
+//! frame meets the segment at its time of reception, even if it is handled late: the SubDevices see
+//! the wire, not the load of the program. Frames that come faster than 100 Mbit/s follow one
+//! another as on a cable.
 //!
-//! The judges sit here as they do in a [`World`](crate::world), but nobody tells them the intent: the grid of
-//! SYNC0 is what the MainDevice wrote into each SYNC unit.
+//! The judges work as in a [`World`](crate::world), but do not know the intent: the grid of SYNC0
+//! is the one that the MainDevice wrote into each SYNC unit.
 
 use isocat_subdevice::Step;
 use isocat_wire::al::AlState;
@@ -24,57 +24,60 @@ use crate::observation::{Observation, Observed};
 use crate::segment::{Closing, Connection, Lost, Returned, Segment};
 use crate::wiring::{End, Hop, MainPort};
 
-/// A segment that anybody's frames may pass.
+/// A segment for frames of any MainDevice.
 ///
-/// - Input: [`frame`](Self::frame) for every frame, [`frame_at`](Self::frame_at) in a ring; [`advance`](Self::advance) now and then, so that what
-///   SubDevices do by themselves is not seen late.
-/// - What happened: [`settle`](Self::settle), best once an answer is on its way.
+/// - Input: [`frame`](Self::frame) for every frame, [`frame_at`](Self::frame_at) in a ring;
+///   [`advance`](Self::advance) from time to time, so that internal events of SubDevices are not
+///   seen late.
+/// - Observations: [`settle`](Self::settle), best after an answer was sent.
 /// - Judging: [`begin_judging`](Self::begin_judging), then [`bench`](Self::bench).
 ///
-/// Points of host time never go backwards from call to call; what comes too late is taken as of the last one.
+/// Host time never goes backwards from call to call; an earlier time counts as the last one.
 pub struct Served {
     segment: Segment,
     bench: Bench,
     origin: Time<Host>,
-    /// Nothing happens before this any more.
+    /// No event happens before this time any more.
     now: Time<True>,
-    /// By port: when the last bit of the last frame, and the gap behind it, have left the MainDevice.
+    /// By port: when the last bit of the last frame, and the gap after it, have left the
+    /// MainDevice.
     wire_free: [Time<True>; 2],
     observations: Vec<Observation>,
-    /// Whether all that happens is kept for who settles, not only what judges look at.
+    /// Whether all events are kept for [`Self::settle`], not only those for judges.
     everything: bool,
-    /// The frames with process data that passed last: first bit and last bit at the MainDevice's port, and which that is.
+    /// The last frames with process data: first bit and last bit at the MainDevice's port, and the
+    /// port.
     passed: [(Time<True>, Time<True>, MainPort); KEPT],
     passed_next: usize,
-    /// SYNC0 edges of each SubDevice while process data passed it.
+    /// Number of SYNC0 edges of each SubDevice while process data passed it.
     clashes: Vec<u64>,
     timeline: Timeline,
-    /// What happens to frames at the port.
+    /// The faults of frames at the port.
     port_faults: FrameFaults,
-    /// Answers beside those of the frames that came in, where, and when their last bit is back.
+    /// Additional answers: port, when their last bit is back, and the frame.
     copies: Vec<(MainPort, Time<True>, Vec<u8>)>,
 }
 
-/// What became of a frame.
+/// The result of passing a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Passage {
-    /// The port of the MainDevice that it left.
+    /// The port of the MainDevice from which it came.
     pub from: MainPort,
     /// When its first bit left the MainDevice.
     pub start: Time<True>,
     /// Whether and when it comes back.
     pub fate: Result<Returned, Lost>,
-    /// How much of that is by a fault.
+    /// The part of the delay that a fault caused.
     pub late: Nanos,
 }
 
-/// The bit that tips over in a frame that is damaged: in its first datagram.
+/// Index of the bit that is flipped in a damaged frame: in its first datagram.
 const DAMAGED_BIT: usize = 8 * 20;
-/// Frames with process data that a SYNC0 edge may have met: more than one cycle has at a time.
+/// Number of frames with process data that a SYNC0 edge may meet: more than a cycle has at a time.
 const KEPT: usize = 16;
 
 impl Served {
-    /// All SubDevices are switched on at `origin`.
+    /// Switches all SubDevices on at `origin`.
     pub fn new(connections: Vec<Connection>, seed: u64, origin: Time<Host>) -> Self {
         let segment = Segment::new(connections, seed);
         let devices = segment.devices().len();
@@ -95,30 +98,30 @@ impl Served {
         }
     }
 
-    /// The same with faults that come of themselves. Those of a host change nothing here: the news tell of them at their
-    /// instants, for those who run the MainDevice's machine.
+    /// Adds planned faults. Faults of a host have no effect here: the news report them at their
+    /// instants, for programs that simulate the MainDevice's host.
     pub fn with_faults(mut self, timeline: Timeline) -> Self {
         self.timeline = timeline;
         self
     }
 
-    /// The same in a ring, if there is a cable that makes one. Panics where it can't be plugged in.
+    /// Makes it a ring, if there is a closing cable. Panics if a port is not free.
     pub fn in_ring(self, closing: Option<Closing>) -> Self {
         Self { segment: self.segment.in_ring(closing), ..self }
     }
 
-    /// What goes wrong: planned, in force, happened.
+    /// The faults: planned, in force, happened.
     pub fn timeline(&self) -> &Timeline {
         &self.timeline
     }
 
-    /// What goes wrong, to tell it of moments and to take its news.
+    /// The faults, to report moments and to take news.
     pub fn timeline_mut(&mut self) -> &mut Timeline {
         &mut self.timeline
     }
 
-    /// Lets something go wrong at the instant `at`, or now where that is over, for a time if one is given; a [`Fault::Replace`]
-    /// needs the SubDevice that comes.
+    /// Lets a fault begin at the instant `at`, or now if that is over, with a duration if one is
+    /// given. A [`Fault::Replace`] needs the new SubDevice.
     pub fn inject(
         &mut self,
         at: Time<Host>,
@@ -136,7 +139,8 @@ impl Served {
         self.let_faults_happen(self.now);
     }
 
-    /// The link at a port of the MainDevice goes away now, or comes, at its own end of the cable.
+    /// Takes the link at a port of the MainDevice away now, or restores it, at the MainDevice's end
+    /// of the cable.
     pub fn link(&mut self, port: MainPort, up: bool) {
         let Some(Hop { cable, .. }) = self.segment.wiring().hop(End::Main(port)) else { return };
         let at = self.now.max(self.segment.disturbances.latest_change());
@@ -146,18 +150,18 @@ impl Served {
         }
     }
 
-    /// What began or ended since the last call.
+    /// Takes the faults that began or ended since the last call.
     pub fn take_news(&mut self) -> Vec<Happened> {
         self.timeline.take_news()
     }
 
-    /// Takes an answer beside that of the last frame: one of a frame that was doubled, at which port and when its last bit is
-    /// back.
+    /// Takes an additional answer, that of a doubled frame: the port, when its last bit is back,
+    /// and the frame.
     pub fn take_copy(&mut self) -> Option<(MainPort, Time<True>, Vec<u8>)> {
         self.copies.pop()
     }
 
-    /// Everything that goes wrong by `to`, each at its instant.
+    /// Applies all faults up to `to`, each at its instant.
     fn let_faults_happen(&mut self, to: Time<True>) {
         while self.timeline.is_due(to) {
             let due = self.timeline.next().unwrap_or(to).min(to).max(self.now);
@@ -175,7 +179,7 @@ impl Served {
         }
     }
 
-    /// The point of true time that the host's clock shows; the beginning for what is earlier.
+    /// The point of true time that the host's clock shows; true time zero for earlier times.
     pub fn true_time(&self, at: Time<Host>) -> Time<True> {
         Time::ZERO + Picos::from((at - self.origin).max(Nanos::ZERO))
     }
@@ -185,12 +189,14 @@ impl Served {
         self.origin + Nanos((at.count() / 1000) as i64)
     }
 
-    /// A frame that came in at `arrived` passes the segment; the SubDevices answer in place.
+    /// Passes a frame that was received at `arrived` through the segment; the SubDevices answer in
+    /// place.
     pub fn frame(&mut self, arrived: Time<Host>, bytes: &mut [u8]) -> Passage {
         self.frame_at(MainPort::Primary, arrived, bytes)
     }
 
-    /// The same of a frame that left one of the ports of a ring. Those of the secondary port are harmed on cables alone.
+    /// The same for a frame from one of the ports of a ring. Frames of the secondary port have
+    /// faults on cables only.
     pub fn frame_at(&mut self, from: MainPort, arrived: Time<Host>, bytes: &mut [u8]) -> Passage {
         let start = self.true_time(arrived).max(self.now).max(self.wire_free[from as usize]);
         self.let_faults_happen(start);
@@ -240,7 +246,7 @@ impl Served {
         Passage { from, start, fate, late }
     }
 
-    /// A frame passes, or a copy of the one that left `first`.
+    /// Passes a frame, or a copy of the one that left at `first`.
     fn pass(
         &mut self,
         from: MainPort,
@@ -254,19 +260,19 @@ impl Served {
         self.segment.pass_copy(from, bytes, (first, start), watch)
     }
 
-    /// The frame that passed last carried process data: SYNC0 ought to stay clear of it.
+    /// Reports that the last frame carried process data: SYNC0 should not meet it.
     pub fn carried_process_data(&mut self, passage: &Passage, len: usize) {
         let end = passage.start + Picos(frame::duration_ns(len) as i64 * 1000);
         self.passed[self.passed_next] = (passage.start, end, passage.from);
         self.passed_next = (self.passed_next + 1) % KEPT;
     }
 
-    /// From now on [`Served::settle`] shows every step and every edge.
+    /// From now on [`Served::settle`] shows all steps and edges.
     pub fn show_everything(&mut self) {
         self.everything = true;
     }
 
-    /// Lets everything happen that happens by itself up to `to`.
+    /// Processes all internal events up to `to`.
     pub fn advance(&mut self, to: Time<Host>) {
         let to = self.true_time(to);
         if to > self.now {
@@ -278,7 +284,7 @@ impl Served {
         }
     }
 
-    /// Shows what happened since, to the judges and to `see`, which is told what the judges measured with it.
+    /// Shows the new events to the judges and to `see`, which also gets the judges' measurements.
     pub fn settle(&mut self, see: &mut impl FnMut(&Segment, &Observation, &Measured)) {
         let mut observations = std::mem::take(&mut self.observations);
         for observation in observations.drain(..) {
@@ -291,9 +297,9 @@ impl Served {
         self.observations = observations;
     }
 
-    /// Begins to judge, as of now: SYNC0 of each SubDevice is to keep the grid that was written
-    /// into its SYNC unit, seen by the clock of `reference`. The limits are the largest SYNC0
-    /// error, and the largest spread of outputs behind their pulse.
+    /// Begins to judge now: SYNC0 of each SubDevice should keep the grid in its SYNC unit, seen by
+    /// the clock of `reference`. The limits are the largest SYNC0 error, and the largest spread of
+    /// outputs after their pulse.
     pub fn begin_judging(
         &mut self,
         reference: usize,
@@ -324,7 +330,7 @@ impl Served {
             if !chain.mode.uses_sync1() {
                 return Some(grid);
             }
-            // SYNC1 follows the first SYNC0 behind the last one by its distance.
+            // SYNC1 follows the first SYNC0 after the last SYNC1 by its distance.
             let distance = i64::from(device.esc.register(register::SYNC1_CYCLE));
             let cycles = distance.checked_div(grid.cycle.0).unwrap_or(0) + 1;
             let next = device.esc.register(register::SYNC1_NEXT);
@@ -349,8 +355,8 @@ impl Served {
     pub fn bench(&self) -> &Bench {
         &self.bench
     }
-    /// SYNC0 edges of each SubDevice that came while a frame with process data passed it, since the
-    /// judging began.
+    /// Number of SYNC0 edges of each SubDevice that came while a frame with process data passed it,
+    /// since judging began.
     pub fn sync0_in_frame(&self) -> &[u64] {
         &self.clashes
     }
@@ -358,22 +364,24 @@ impl Served {
     pub fn segment(&self) -> &Segment {
         &self.segment
     }
-    /// The segment, to pull its cables and switch off its SubDevices at [`now`](Self::now) or later.
+    /// The segment, to pull its cables and switch off its SubDevices at [`now`](Self::now) or
+    /// later.
     pub fn segment_mut(&mut self) -> &mut Segment {
         &mut self.segment
     }
-    /// Up to here everything has happened. Ahead of the host's clock by what frames still need on the wire.
+    /// All events up to this time have happened. It may be ahead of the host's clock by the wire
+    /// time of frames.
     pub fn now(&self) -> Time<True> {
         self.now
     }
 
-    /// The clock of a SubDevice as of now, ps of system time.
+    /// The system time of a SubDevice at a point of true time, ps.
     pub fn system_time_ps(&self, device: usize, at: Time<True>) -> i128 {
         self.segment.devices()[device].system_time_ps(at)
     }
 
     fn look_for_clash(&mut self, edge: &Observation) {
-        // How long frames from each port take to it, if they come to it.
+        // The times that frames from each port take to the SubDevice, if they reach it.
         let after = [MainPort::Primary, MainPort::Secondary].map(|port| {
             let entries = &self.segment.path_from(port).entries;
             // Most segments are lines, where places are positions.
@@ -390,7 +398,7 @@ impl Served {
     }
 }
 
-/// Keeps what somebody will look at: most steps of most SubDevices are nobody's concern.
+/// Keeps the events that are needed: most steps of most SubDevices are not.
 fn note(observations: &mut Vec<Observation>, everything: bool, observation: Observation) {
     use Observed::*;
     let concerns = everything

@@ -23,7 +23,7 @@ impl Statistics {
         self.sum_of_squares += i128::from(value_ps) * i128::from(value_ps);
     }
 
-    /// Values taken.
+    /// Number of values.
     pub fn count(&self) -> u64 {
         self.count
     }
@@ -35,7 +35,7 @@ impl Statistics {
     pub fn largest(&self) -> i64 {
         self.largest
     }
-    /// The value furthest from zero, ps, without its sign.
+    /// The largest absolute value, ps.
     pub fn worst(&self) -> u64 {
         self.least.unsigned_abs().max(self.largest.unsigned_abs())
     }

@@ -1,9 +1,9 @@
-//! What the memories of a simulated ESC are kept in: little for a device that uses little.
+//! The memory of a simulated ESC, which is small for a device that uses little of it.
 
 use std::sync::Arc;
 
-/// Process RAM that grows with its use, or an EEPROM image that devices of a kind share until one of
-/// them writes to its own.
+/// Process RAM that grows with its use, or an EEPROM image that devices of a kind share until one
+/// of them writes to it.
 #[derive(Clone, Debug)]
 pub struct Storage(Kind);
 
@@ -14,17 +14,17 @@ enum Kind {
 }
 
 impl Storage {
-    /// Nothing yet.
+    /// An empty memory.
     pub const fn empty() -> Self {
         Self(Kind::Own(Vec::new()))
     }
 
-    /// An image that others have too.
+    /// A shared image.
     pub const fn shared(image: Arc<[u8]>) -> Self {
         Self(Kind::Shared(image))
     }
 
-    /// Makes it at least `len` bytes long, with zeros.
+    /// Extends it to at least `len` bytes, with zeros.
     pub fn grow(&mut self, len: usize) {
         let own = self.own();
         own.reserve_exact(len.saturating_sub(own.len()));

@@ -1,4 +1,5 @@
-//! Who is connected to whom: the MainDevice's ports, the ESCs' ports, and the cables between them.
+//! The connections of the segment: the MainDevice's ports, the ESCs' ports, and the cables between
+//! them.
 
 use isocat_esc::Chip;
 use isocat_maindevice::Port;
@@ -10,9 +11,9 @@ use crate::cable::{Cable, Direction, Phy};
 /// A network port of the MainDevice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum MainPort {
-    /// The one that every MainDevice has.
+    /// The port that every MainDevice has.
     Primary,
-    /// The other end of a redundancy ring.
+    /// The port at the other end of a redundancy ring.
     Secondary,
 }
 
@@ -37,19 +38,20 @@ pub enum End {
 /// How long a SubDevice keeps a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Stay {
-    /// From the arrival at a port through the processing unit to the departure at the next open port.
+    /// Time from the arrival at a port through the processing unit to the departure at the next
+    /// open port.
     pub processing: Picos,
-    /// The same past the processing unit.
+    /// The same without the processing unit.
     pub forwarding: Picos,
-    /// The PHYs by port; arrivals count behind them, departures before them.
+    /// The PHYs by port; arrivals count after them, departures before them.
     pub phys: [Phy; 4],
-    /// Its ports take frames into its own clock, and by the size of their FIFOs: each hop to it
-    /// jitters. Without, every frame takes the same time.
+    /// Whether each hop to it jitters, because its ports transfer frames into its own clock,
+    /// depending on the size of their FIFOs. Without it, every frame takes the same time.
     pub hop_jitter: bool,
 }
 
 impl Stay {
-    /// As the chip's profile has it; hops jitter.
+    /// The stay by the chip's profile; hops jitter.
     pub fn of(chip: &Chip) -> Self {
         Self {
             processing: chip.processing_delay,
@@ -60,7 +62,7 @@ impl Stay {
     }
 }
 
-/// A cable where it lies: `from` is nearer to the MainDevice's primary port.
+/// A cable in its place: `from` is nearer to the MainDevice's primary port.
 #[derive(Clone, Copy, Debug)]
 struct Laid {
     cable: Cable,
@@ -71,27 +73,28 @@ struct Laid {
 /// The way from one end of a cable to the other.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Hop {
-    /// Which cable.
+    /// The cable.
     pub cable: usize,
-    /// Which way along it.
+    /// The direction along it.
     pub direction: Direction,
-    /// Where it ends.
+    /// The end that it leads to.
     pub to: End,
-    /// PHY, cable, PHY.
+    /// Delay of PHY, cable and PHY.
     pub delay: Picos,
 }
 
-/// All cables of a segment. The MainDevice's own controller belongs to its host: it has no PHY here.
+/// All cables of a segment. The MainDevice's network controller belongs to its host, so it has no
+/// PHY here.
 #[derive(Clone, Debug)]
 pub struct Wiring {
     stays: Vec<Stay>,
     cables: Vec<Laid>,
-    /// Cable at each port of each SubDevice.
+    /// The cable at each port of each SubDevice.
     ports: Vec<[Option<usize>; 4]>,
     main: [Option<usize>; 2],
 }
 
-/// Two cables at one port.
+/// Error: two cables at one port.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct PortTaken(pub End);
 
@@ -102,7 +105,7 @@ impl Wiring {
         Self { stays, cables: Vec::new(), ports, main: [None; 2] }
     }
 
-    /// Lays a cable and gives its number. Panics if a SubDevice does not exist.
+    /// Lays a cable and returns its number. Panics if a SubDevice does not exist.
     pub fn connect(&mut self, from: End, to: End, cable: Cable) -> Result<usize, PortTaken> {
         let taken = [from, to].into_iter().find(|end| self.at(*end).is_some());
         if let Some(end) = taken.or((from == to).then_some(from)) {
@@ -116,12 +119,12 @@ impl Wiring {
         Ok(number)
     }
 
-    /// Puts another cable in the place of one. Panics if there is none with this number.
+    /// Replaces a cable. Panics if there is none with this number.
     pub fn replace(&mut self, number: usize, cable: Cable) {
         self.cables[number].cable = cable;
     }
 
-    /// Another chip stands in the place of a SubDevice.
+    /// Replaces the chip of a SubDevice.
     pub(crate) fn replace_stay(&mut self, device: usize, chip: &Chip) {
         let hop_jitter = self.stays[device].hop_jitter;
         self.stays[device] = Stay { hop_jitter, ..Stay::of(chip) };
@@ -148,7 +151,7 @@ impl Wiring {
         &self.stays[device]
     }
 
-    /// The way over the cable at this end, if there is one.
+    /// The hop over the cable at this end, if there is one.
     pub fn hop(&self, from: End) -> Option<Hop> {
         let cable = self.at(from)?;
         let laid = &self.cables[cable];

@@ -1,4 +1,4 @@
-//! Both sides meet: a MainDevice on its host, and a segment, in true time.
+//! Connects both sides: a MainDevice on its host, and a segment, in true time.
 
 use std::collections::VecDeque;
 
@@ -20,28 +20,29 @@ use crate::probe::Sight;
 use crate::segment::{Closing, Connection, Lost, Returned, Segment};
 use crate::wiring::{End, Hop, MainPort};
 
-/// What a run is made of.
+/// The parts of a run.
 pub struct Setup {
-    /// The one seed of all randomness.
+    /// The only seed of all random numbers.
     pub seed: u64,
-    /// What the MainDevice is to do.
+    /// The MainDevice's configuration.
     pub config: Config,
-    /// The machine that it runs on.
+    /// The host on which it runs.
     pub host: HostModel,
-    /// The segment. Parents stand before their children.
+    /// The segment. Parents come before their children.
     pub segment: Vec<Connection>,
-    /// What makes a ring of it; `None`: the secondary port has no cable.
+    /// The cable that makes it a ring; `None`: the secondary port has no cable.
     pub ring: Option<Closing>,
-    /// What goes wrong.
+    /// The planned faults.
     pub faults: Vec<Planned>,
-    /// SubDevices that may be put in the place of others ([`Fault::Replace`]).
+    /// SubDevices that may replace others ([`Fault::Replace`]).
     pub spares: Vec<DeviceSetup>,
-    /// Whether what is regular in a cycle takes the short way, as it does by default: see [`Segment::set_lane`].
+    /// Whether regular operation takes the fast lane, as it does by default: see
+    /// [`Segment::set_lane`].
     pub lane: bool,
 }
 
 impl Setup {
-    /// A segment in which nothing goes wrong.
+    /// A segment without faults.
     pub const fn new(seed: u64, config: Config, host: HostModel, segment: Vec<Connection>) -> Self {
         let ring = None;
         let faults = Vec::new();
@@ -49,86 +50,90 @@ impl Setup {
     }
 }
 
-/// Sees every frame on the MainDevice's ports, and what happens at the SubDevices.
+/// An observer of every frame on the MainDevice's ports, and of events at the SubDevices.
 ///
-/// - Frames: [`frame`](Self::frame), [`secondary_frame`](Self::secondary_frame), [`lost`](Self::lost), and in front of SubDevices
-///   [`probes`](Self::probes), [`probed`](Self::probed);
+/// - Frames: [`frame`](Self::frame), [`secondary_frame`](Self::secondary_frame),
+///   [`lost`](Self::lost), and at SubDevices [`probes`](Self::probes), [`probed`](Self::probed);
 /// - SubDevices: [`observed`](Self::observed), [`measured`](Self::measured);
 /// - the MainDevice: [`event`](Self::event), [`cycle`](Self::cycle);
-/// - the judged time: [`judging_begins`](Self::judging_begins), [`judging_ends`](Self::judging_ends).
+/// - the judged time: [`judging_begins`](Self::judging_begins),
+///   [`judging_ends`](Self::judging_ends).
 pub trait Tap {
-    /// A frame whose first bit left the primary port (`sent`) or came back there at `at`.
+    /// Called for a frame whose first bit left the primary port (`sent`) or came back there at
+    /// `at`.
     fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]);
 
     /// The same at the secondary port of a ring.
     fn secondary_frame(&mut self, _at: Time<True>, _sent: bool, _bytes: &[u8]) {}
 
-    /// The frame that left a port at `at` does not come back to the program: why it was lost, or
-    /// `None` if it came back damaged.
+    /// Called for a frame that left a port at `at` but does not come back to the program: why it
+    /// was lost, or `None` if it came back damaged.
     fn lost(&mut self, _at: Time<True>, _port: Port, _why: Option<Lost>) {}
 
-    /// Positions of the SubDevices in front of which frames are to be [`probed`](Self::probed);
-    /// asked once. Where none stands, nothing is seen.
+    /// Positions of the SubDevices at which frames are [`probed`](Self::probed); asked once.
+    /// Positions without a SubDevice have no effect.
     fn probes(&self) -> Vec<usize> {
         Vec::new()
     }
 
-    /// Positions of the SubDevices at whose port 0 the cable has a tap; asked once. Where none
-    /// stands, nothing is seen.
+    /// Positions of the SubDevices with a tap in the cable at port 0; asked once. Positions without
+    /// a SubDevice have no effect.
     fn cables(&self) -> Vec<usize> {
         Vec::new()
     }
 
-    /// The first bit of a frame passed a probe or a tap at a SubDevice at `at`, with what it holds
-    /// then. Told when the frame is sent.
+    /// Called when the first bit of a frame passed a probe or a tap at a SubDevice at `at`, with
+    /// the frame's content at that time. The call comes when the frame is sent.
     fn probed(&mut self, _at: Time<True>, _device: usize, _sight: Sight, _bytes: &[u8]) {}
 
-    /// A frame that left the primary port at `at` has passed the SubDevices: how they stand then.
-    /// Each is brought up to the last frame that concerned it.
+    /// Called when a frame that left the primary port at `at` has passed the SubDevices. Each is
+    /// advanced to the last frame that concerned it.
     fn passed(&mut self, _at: Time<True>, _segment: &Segment) {}
 
-    /// Whether [`observed`](Self::observed) is to be told of everything; asked once. If not, it may hear of what judges look at
-    /// alone.
+    /// Whether [`observed`](Self::observed) needs all events; asked once. Otherwise it may only get
+    /// the events for judges.
     fn observes(&self) -> bool {
         true
     }
 
-    /// Something happened at a SubDevice at `at`; the segment is as it stands when that is told.
+    /// Called for an event at a SubDevice at `at`; the segment is in its state at the time of the
+    /// call.
     fn observed(&mut self, _segment: &Segment, _at: Time<True>, _observation: &Observation) {}
 
-    /// What the judges made of the event that was just observed at a SubDevice, if they did.
+    /// Called with the judges' measurements of the event that was just observed, if there are any.
     fn measured(&mut self, _at: Time<True>, _device: usize, _measured: &Measured) {}
 
-    /// Something went wrong, or a fault ended. What happens to cables and power is told some
-    /// milliseconds before its time.
+    /// Called when a fault began or ended. Faults of cables and power are reported some
+    /// milliseconds before their time.
     fn fault(&mut self, _happened: &Happened) {}
 
-    /// The MainDevice told something, known at `at`.
+    /// Called for an event of the MainDevice, known at `at`.
     fn event(&mut self, _at: Time<True>, _event: &Event) {}
 
-    /// All SubDevices are in operation, and are judged from `at` on.
+    /// Called when all SubDevices are in operation; they are judged from `at` on.
     fn judging_begins(&mut self, _at: Time<True>, _intent: &Intent) {}
 
-    /// The judged time is over: what comes now is in no report. SubDevices are brought up to `at`.
+    /// Called at the end of the judged time: later events are in no report. SubDevices are advanced
+    /// to `at`.
     fn judging_ends(&mut self, _at: Time<True>, _main: &MainDevice, _segment: &Segment) {}
 
-    /// A cycle is over at `at`, and the application has had its turn if process data run: how the
-    /// MainDevice and the segment stand then. Every frame of the cycle is in the program's hands,
-    /// or given up as the next cycle is due. SubDevices are brought up to the last frame that
-    /// passed them.
+    /// Called when a cycle is complete at `at`, after the application was called if process data
+    /// run, with the MainDevice and the segment at that time. The program has every frame of the
+    /// cycle, or gave it up since the next cycle is due. SubDevices are advanced to the last frame
+    /// that passed them.
     fn cycle(&mut self, _at: Time<True>, _main: &MainDevice, _segment: &Segment) {}
 
-    /// The same of a MainDevice that is not ours, while it is judged: its frame with process data
-    /// is back. `None`: it is not judged any more.
+    /// The same for a foreign MainDevice while it is judged: its frame with process data is back.
+    /// `None`: it is not judged any more.
     fn served_cycle(&mut self, _at: Time<True>, _cycle: Option<ServedCycle>, _segment: &Segment) {}
 }
 
-/// A cycle of a MainDevice that is not ours, as the segment sees it.
+/// A cycle of a foreign MainDevice, as the segment sees it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ServedCycle {
-    /// Frames with process data so far, from when it was judged first.
+    /// Number of frames with process data since it was first judged.
     pub number: u64,
-    /// Frames of all kinds that did not come back, from the beginning of the run.
+    /// Number of frames of all kinds that did not come back, since the start of the run.
     pub frames_lost: u64,
 }
 
@@ -146,29 +151,28 @@ pub struct World<A, T> {
     returning: VecDeque<Returning>,
     spare: Vec<Vec<u8>>,
     observations: Vec<Observation>,
-    /// The tap wants to see all of them, and not what judges look at alone.
+    /// Whether the tap needs all events, not only those for judges.
     everything: bool,
     timeline: Timeline,
-    /// When each SubDevice was in sync; `None` where nobody asked, or before operation.
+    /// When each SubDevice was in sync; `None` if it is not recorded, or before operation.
     course: Option<Course>,
     follows_course: bool,
-    /// What happens to frames at the primary port.
+    /// The faults of frames at the primary port.
     port_faults: FrameFaults,
 }
 
 /// A frame on its way back to the program.
 struct Returning {
     port: Port,
-    /// First bit back at the port.
+    /// When its first bit is back at the port.
     first_bit: Time<True>,
-    /// In the program's hands.
+    /// When the program has it.
     delivered: Time<True>,
     bytes: Vec<u8>,
 }
 
 impl<A: Application, T: Tap> World<A, T> {
-    /// Everything switched on at true time zero. Panics if cables do not go together, see
-    /// [`Segment::new`].
+    /// Switches everything on at true time zero. Panics if cables do not fit, see [`Segment::new`].
     pub fn new(setup: Setup, application: A, tap: Option<T>) -> Self {
         let host = HostMachine::new(setup.host, setup.seed);
         let mut segment = Segment::new(setup.segment, setup.seed).in_ring(setup.ring);
@@ -202,7 +206,7 @@ impl<A: Application, T: Tap> World<A, T> {
         }
     }
 
-    /// True time of the last thing that happened to the MainDevice.
+    /// True time of the last event of the MainDevice.
     pub fn now(&self) -> Time<True> {
         self.now
     }
@@ -210,15 +214,15 @@ impl<A: Application, T: Tap> World<A, T> {
     pub fn main(&self) -> &MainDevice {
         self.runner.main()
     }
-    /// The MainDevice, to ask something of it.
+    /// The MainDevice, for requests.
     pub fn main_mut(&mut self) -> &mut MainDevice {
         self.runner.main_mut()
     }
-    /// The machine that the MainDevice runs on.
+    /// The host on which the MainDevice runs.
     pub fn host(&self) -> &HostMachine {
         &self.host
     }
-    /// The machine that the MainDevice runs on, to hold it up.
+    /// The host on which the MainDevice runs, to delay it.
     pub fn host_mut(&mut self) -> &mut HostMachine {
         &mut self.host
     }
@@ -226,15 +230,15 @@ impl<A: Application, T: Tap> World<A, T> {
     pub fn segment(&self) -> &Segment {
         &self.segment
     }
-    /// The segment, to take what acted on its machines, and the application.
+    /// The segment, to take actions on its plants, and the application.
     pub(crate) fn segment_and_application(&mut self) -> (&mut Segment, &A) {
         (&mut self.segment, self.runner.application())
     }
-    /// What goes wrong: planned, in force, happened.
+    /// The faults: planned, in force, happened.
     pub fn timeline(&self) -> &Timeline {
         &self.timeline
     }
-    /// Lets something go wrong now, for a time if one is given.
+    /// Lets a fault begin now, with a duration if one is given.
     pub fn inject(&mut self, fault: Fault, lasts: Option<Nanos>) {
         self.timeline.order(self.now, fault, lasts);
     }
@@ -246,21 +250,21 @@ impl<A: Application, T: Tap> World<A, T> {
     pub fn application(&self) -> &A {
         self.runner.application()
     }
-    /// The MainDevice's application, to tell it something.
+    /// The MainDevice's application, to change it.
     pub fn application_mut(&mut self) -> &mut A {
         self.runner.application_mut()
     }
-    /// The end of the run: the application and the tap are given back.
+    /// Ends the run and returns the application and the tap.
     pub fn into_parts(self) -> (A, Option<T>) {
         (self.runner.into_parts().1, self.tap)
     }
-    /// The end of the run: the tap is given back.
+    /// Ends the run and returns the tap.
     pub fn into_tap(self) -> Option<T> {
         self.tap
     }
 
-    /// Lets the next thing happen to the MainDevice, if that is not after `limit`: a frame comes
-    /// back or its timer wakes it. False if nothing does; then true time stands at `limit`, for the
+    /// Processes the next event of the MainDevice, if it is not after `limit`: a frame comes back
+    /// or its timer wakes it. Returns false if there is none; true time is then `limit`, for the
     /// SubDevices too.
     pub fn step(&mut self, limit: Time<True>) -> bool {
         self.let_faults_happen();
@@ -274,7 +278,7 @@ impl<A: Application, T: Tap> World<A, T> {
         let fault = self.timeline.next().unwrap_or(Time::NEVER);
         let next = delivered.min(self.wake_up);
         if fault < next && fault <= limit {
-            // What is due on cables was told before; the rest happens at the next step.
+            // Faults on cables were announced earlier; the others happen at the next step.
             self.now = self.now.max(fault);
             return true;
         }
@@ -299,8 +303,8 @@ impl<A: Application, T: Tap> World<A, T> {
         true
     }
 
-    /// Brings every SubDevice to the last frame that passed it, and the judges with them: before
-    /// something is asked of them all.
+    /// Advances every SubDevice to the last frame that passed it, and the judges with them. Call
+    /// this before reading their states.
     pub fn catch_up(&mut self) {
         let everything = self.keeps_everything();
         let observations = &mut self.observations;
@@ -323,17 +327,16 @@ impl<A: Application, T: Tap> World<A, T> {
         Some(event)
     }
 
-    /// Once the judging begins, it is followed when each SubDevice is in sync: see
-    /// [`course`](Self::course).
+    /// Records when each SubDevice is in sync, once judging begins: see [`course`](Self::course).
     pub fn follow_course(&mut self) {
         self.follows_course = true;
     }
-    /// When each SubDevice was in sync; `None` if nobody asked for it, and before the judging.
+    /// When each SubDevice was in sync; `None` if it is not recorded, and before judging.
     pub fn course(&self) -> Option<&Course> {
         self.course.as_ref()
     }
 
-    /// The judges begin: the segment is in operation.
+    /// Begins judging: the segment is in operation.
     pub fn begin_judging(&mut self, intent: Intent) {
         if self.follows_course {
             let states = self.segment.devices().iter().map(|device| device.stack.state());
@@ -345,7 +348,7 @@ impl<A: Application, T: Tap> World<A, T> {
         self.bench.begin(intent);
     }
 
-    /// The judged time is over; gives the judges as they stand.
+    /// Ends the judged time; returns the judges.
     pub fn end_judging(&mut self) -> Bench {
         if let Some(course) = &mut self.course {
             course.end(self.now);
@@ -365,12 +368,12 @@ impl<A: Application, T: Tap> World<A, T> {
         self.tap_cycle(complete);
     }
 
-    /// Everything that goes wrong by now.
+    /// Applies all faults up to now.
     fn let_faults_happen(&mut self) {
         if !self.timeline.is_due(self.now) {
             return;
         }
-        // A timer is set to a reading of the clock, whatever becomes of the clock.
+        // A timer is set to a reading of the clock, which stays the same if the clock changes.
         let reading = (self.wake_up < Time::NEVER).then(|| self.host.now(self.wake_up));
         if self.timeline.next().is_some_and(|at| at <= self.now) {
             self.catch_up_to_now();
@@ -394,14 +397,14 @@ impl<A: Application, T: Tap> World<A, T> {
         }
     }
 
-    /// Brings the SubDevices to where true time stands: what goes wrong finds them there.
+    /// Advances the SubDevices to the present true time, at which faults apply.
     fn catch_up_to_now(&mut self) {
         let everything = self.keeps_everything();
         let observations = &mut self.observations;
         self.segment.live(self.now, &mut |o| note(observations, everything, o));
     }
 
-    /// Another MainDevice sends a frame, at the same end of the same cable.
+    /// Sends a frame of another MainDevice, at the same end of the same cable.
     fn send_of_others(&mut self, frame: Foreign) {
         let mut bytes = self.buffer();
         let len = frame.write(&mut bytes);
@@ -475,7 +478,7 @@ impl<A: Application, T: Tap> World<A, T> {
         }
     }
 
-    /// The frame that sets out next at a port is damaged on the first cable.
+    /// Damages the next frame that leaves a port, on the first cable.
     fn damage_next(&mut self, port: MainPort, at: Time<True>) {
         if let Some(hop) = self.segment.wiring().hop(End::Main(port)) {
             let Hop { cable, direction, .. } = hop;
@@ -483,8 +486,8 @@ impl<A: Application, T: Tap> World<A, T> {
         }
     }
 
-    /// A frame passes the segment, or a copy of the one that left `first`, and comes back, or does
-    /// not; `back` is what happens to it then.
+    /// Passes a frame, or a copy of the one that left at `first`, through the segment and back, if
+    /// it comes back; `back` are the faults on its way back.
     fn pass(
         &mut self,
         from: Port,
@@ -523,7 +526,7 @@ impl<A: Application, T: Tap> World<A, T> {
                 }
                 self.bring_back(Returning { port, first_bit, delivered, bytes });
             }
-            // What does not come back, or comes back damaged, no program ever sees.
+            // No program sees a frame that does not come back, or that comes back damaged.
             fate => {
                 let why = if back.lost { Some(Lost::AtThePort) } else { fate.err() };
                 if let Some(tap) = &mut self.tap {
@@ -535,7 +538,7 @@ impl<A: Application, T: Tap> World<A, T> {
     }
 
     fn bring_back(&mut self, frame: Returning) {
-        // Those of the two ports overtake each other, and late ones are overtaken.
+        // Frames of the two ports overtake each other, and late frames are overtaken.
         let before = |other: &Returning| other.delivered <= frame.delivered;
         let place = self.returning.iter().rposition(before).map_or(0, |at| at + 1);
         self.returning.insert(place, frame);
@@ -549,13 +552,13 @@ impl<A: Application, T: Tap> World<A, T> {
         }
     }
 
-    /// Whether more is kept than judges look at: the course of a run is followed by all that happens.
+    /// Whether more events than those for judges are kept: recording the course needs all events.
     fn keeps_everything(&self) -> bool {
         self.everything || self.follows_course
     }
 
-    /// Lets the judges see what happened. They look at the reference clock, so this waits until the
-    /// SubDevices are done.
+    /// Passes the new events to the judges. They read the reference clock, so this comes after the
+    /// SubDevices.
     fn judge(&mut self) {
         for observation in self.observations.drain(..) {
             let measured = self.bench.observe(&self.segment, &observation);
@@ -578,7 +581,7 @@ impl<A: Application, T: Tap> World<A, T> {
     }
 }
 
-/// Keeps what judges look at, or `everything`: most steps of most SubDevices are nobody's concern.
+/// Keeps the events for judges, or `everything`: most steps of most SubDevices are not needed.
 #[inline]
 fn note(observations: &mut Vec<Observation>, everything: bool, observation: Observation) {
     use Observed::{Acknowledged, Began, Finished};
@@ -600,5 +603,5 @@ fn wired(port: Port) -> MainPort {
     }
 }
 
-/// The bit that tips over in a frame that is damaged: in its first datagram.
+/// Index of the bit that is flipped in a damaged frame: in its first datagram.
 const DAMAGED_BIT: usize = 8 * 20;

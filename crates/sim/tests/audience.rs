@@ -1,5 +1,5 @@
-//! A frame that visits only those that it concerns leaves the same bytes and the same registers as one
-//! that is processed by every ESC in turn.
+//! A frame that only visits the SubDevices that it concerns leaves the same bytes and registers as
+//! one that every ESC processes in turn.
 
 use isocat_esc::{Chip, ET1100, ET1200, Esc, EscEvent, IP_CORE_32, LAN9252};
 use isocat_sim::random::Stream;
@@ -47,7 +47,7 @@ fn segment() -> Segment {
             sii: sii().into(),
             description: DESCRIPTION.clone(),
             application: Box::new(()),
-            // So slow that no CPU does anything during the test: the other side has none.
+            // So slow that no CPU acts during the test, since the other side has none.
             cpu: CpuModel { reaction: isocat_wire::Nanos(1 << 50), ..CpuModel::default() },
             clock: ClockModel::constant(0),
             local_time: Time::ZERO,
@@ -57,7 +57,7 @@ fn segment() -> Segment {
     Segment::new((0..COUNT).map(connection).collect(), 1)
 }
 
-/// The same ESCs, led past by the book: each processes the whole frame.
+/// The same ESCs, each of which processes the whole frame.
 fn by_the_book() -> Vec<Esc<Vec<u8>>> {
     let esc = |position: usize| {
         let chip = CHIPS[position % CHIPS.len()];
@@ -82,7 +82,7 @@ impl Chance {
         all[self.below(all.len() as u64) as usize]
     }
 
-    /// A frame of a few datagrams, most of which concern somebody.
+    /// A frame with a few datagrams, most of which concern a SubDevice.
     fn frame(&mut self) -> Vec<u8> {
         let mut buffer = vec![0; frame::MAX_LEN];
         let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);
@@ -96,11 +96,12 @@ impl Chance {
                 0x0F80, 0x1000, 0x1020, 0x1100,
             ]);
             if ado == 0x0103 {
-                // Behind it lies 0x0108, by which writes could get to the loops: here they stay as they are.
+                // The next register is 0x0108; further bytes could change loops, which must not
+                // change here.
                 data.truncate(1);
             }
             if self.below(4) == 0 {
-                // A FMMU or a SyncManager that works.
+                // A valid FMMU or SyncManager.
                 let logical = self.below(0x60) as u32;
                 let kind = 1 + self.below(3) as u8;
                 let fmmu = Fmmu::bytes(logical, 1 + self.below(16) as u16, 0x1000, kind);
@@ -118,7 +119,7 @@ impl Chance {
                 ado = 0x0800 + 8 * self.below(4) as u16;
                 data = sync_manager.to_bytes().to_vec();
             } else if ado == 0x0100 {
-                // Loops stay automatic: where they go is not asked here.
+                // Loops stay automatic: their changes are not tested here.
                 data = vec![self.below(2) as u8, 0];
             }
             let position = AutoIncrementAddress(0u16.wrapping_sub(self.below(8) as u16));
@@ -138,7 +139,7 @@ impl Chance {
         let len = writer.finish();
         buffer.truncate(len);
         if self.below(20) == 0 {
-            // An unknown command passes untouched.
+            // An unknown command passes unchanged.
             buffer[16] = 0x55;
         }
         buffer
@@ -160,7 +161,7 @@ fn every_frame_comes_back_the_same() {
             let mut theirs = ours.clone();
             let duration = Picos(frame::duration_ns(ours.len()) as i64 * 1000);
             segment.pass(&mut ours, now, &mut |_| {}).expect("all loops stay as they are");
-            // As this frame passed them.
+            // The path is that of this frame.
             let entries = segment.path().entries.clone();
             let returns = segment.path().returns.clone();
             let mut latching = vec![];
@@ -168,7 +169,7 @@ fn every_frame_comes_back_the_same() {
                 let at = now + entry.after;
                 let esc = &mut book[entry.device];
                 while let Some((at, event)) = esc.step(read(at)) {
-                    // The interrupt of a SubDevice looks at its ESC, which restarts the PDI watchdog.
+                    // The interrupt of a SubDevice reads its ESC, which restarts the PDI watchdog.
                     let interrupt = match event {
                         EscEvent::FrameEnd { al_events } => al_events & PROCESS_DATA != 0,
                         EscEvent::Sync0 | EscEvent::Sync1 => true,
@@ -214,12 +215,12 @@ fn every_frame_comes_back_the_same() {
             assert_eq!(a.register(port), b.register(port), "{place}");
         }
     }
-    // Two-sided: frames that nobody answered would all be equal.
+    // Two-sided: frames without any answer would all be equal.
     assert!((20_000..400_000).contains(&answered), "{answered} accesses");
 }
 
-/// Positions and the working counter have 16 bits: 65 535 SubDevices are the most that one BRD can count.
-/// The auto-increment address has come to -1 then, and one more would count 0.
+/// Positions and the working counter have 16 bits: 65 535 SubDevices are the most that one BRD can
+/// count. The auto-increment address is then -1, and with one more the count would be 0.
 #[test]
 fn a_line_of_65535_answers_a_broadcast_read() {
     for (count, counted) in [(65_535usize, 0xFFFFu16), (65_536, 0)] {

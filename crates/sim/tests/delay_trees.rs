@@ -1,10 +1,11 @@
-//! The delay measurement on random trees: each delay within the error that it states, each one that is called
-//! indeterminate really so.
+//! The delay measurement on random trees: each delay is within its stated error, and each one
+//! reported as indeterminate really is.
 //!
-//! ESCs latch frames of the simulated segment, and `isocat_sync::delay` makes delays of what they latched. Two
-//! judges that share nothing with it say whether they are right: the walk of the frame in true time, and, for
-//! what can be known at all, linear algebra. The unknowns there are the cables; each difference of two
-//! receive times is an equation; the delay can be known if its own sum of cables is a combination of these.
+//! ESCs latch frames of the simulated segment, and `isocat_sync::delay` computes delays from these
+//! latches. Two judges that share no code with it check them: the walk of the frame in true time
+//! and, for determinacy, linear algebra. The unknowns there are the cables; each difference of two
+//! receive times is an equation; a delay can be known if its sum of cables is a combination of
+//! these.
 
 mod support;
 
@@ -19,7 +20,7 @@ use isocat_wire::PortNumber;
 use isocat_wire::time::{Picos, Time};
 use support::*;
 
-/// Chips that keep frames for different times; the last has no receive times.
+/// Chips that keep frames for different times; the last one has no receive times.
 static CHIPS: [Chip; 4] = [
     WIDE,
     Chip {
@@ -54,26 +55,26 @@ impl Chance {
     }
 }
 
-/// A segment and what is known of it without asking.
+/// A segment and its true properties.
 struct Tree {
     links: Vec<Link>,
     chips: Vec<&'static Chip>,
     segment: Segment,
     from: MainPort,
-    /// ps until a frame reaches the processing unit, on the average.
+    /// Mean time until a frame reaches the processing unit, ps.
     arrivals: Vec<i64>,
-    /// Hops jitter, and delays allow for it.
+    /// Whether hops jitter, and delays allow for it.
     hop_jitter: bool,
 }
 
 impl Tree {
-    /// 2 to 40 SubDevices, a cable in eight swapped, a chip in six without receive times; hops do
-    /// not jitter.
+    /// 2 to 40 SubDevices, with one cable in eight swapped, one chip in six without receive times,
+    /// and without jitter of hops.
     fn random(chance: &mut Chance, most_ppb: u64) -> Self {
         Self::with(chance, most_ppb, false)
     }
 
-    /// The same; where hops jitter, no cable is swapped.
+    /// The same; if hops jitter, no cable is swapped.
     fn with(chance: &mut Chance, most_ppb: u64, hop_jitter: bool) -> Self {
         let count = 2 + chance.below(39) as usize;
         let lines = chance.once_in(3);
@@ -97,7 +98,8 @@ impl Tree {
             free.extend(ports.into_iter().map(|port| (device, port)));
             links.push((parent, entry));
         }
-        // An ESC whose port 0 is closed marks frames as circulating, and the next such destroys them.
+        // An ESC whose port 0 is closed marks frames as circulating, and the next such ESC destroys
+        // them.
         let mut closed = 0;
         for device in 0..count {
             let (parent, entry) = links[device];
@@ -128,7 +130,7 @@ impl Tree {
         Self::of(Segment::new(connections, seed), links, chips, hop_jitter)
     }
 
-    /// One that no frame has passed yet.
+    /// A tree that no frame has passed yet.
     fn of(segment: Segment, links: Vec<Link>, chips: Vec<&'static Chip>, hop_jitter: bool) -> Self {
         let mut arrivals = vec![0; links.len()];
         for entry in &segment.path().entries {
@@ -141,12 +143,12 @@ impl Tree {
         !std::ptr::eq(self.chips[device], &CHIPS[3])
     }
 
-    /// In processing order, as a MainDevice would find them.
+    /// The SubDevices in processing order, as a MainDevice would find them.
     fn order(&self) -> Vec<usize> {
         self.segment.path_from(self.from).entries.iter().map(|entry| entry.device).collect()
     }
 
-    /// ps until the frame reaches the processing unit.
+    /// Time until the frame reaches the processing unit, ps.
     fn true_arrival(&self, device: usize) -> i64 {
         self.arrivals[device]
     }
@@ -157,7 +159,7 @@ impl Tree {
             || self.links.iter().any(|link| link.0 == Some((device, port)))
     }
 
-    /// What a MainDevice knows of it after a latch, in this order.
+    /// A MainDevice's knowledge of it after a latch, in this order.
     fn nodes(&self, order: &[usize]) -> Vec<Node> {
         let position = |device| order.iter().position(|other| *other == device).unwrap();
         order
@@ -178,7 +180,8 @@ impl Tree {
             .collect()
     }
 
-    /// Latches so often, at instants that fall anywhere within a tick; the results by position.
+    /// Makes this number of latches, at instants that fall anywhere within a tick; returns the
+    /// results by position.
     fn measure(&mut self, chance: &mut Chance, latches: u64, rate_ppb: u32) -> Vec<Delay> {
         let order = self.order();
         let timed = (0..order.len()).filter(|device| self.timed(*device)).count();
@@ -200,7 +203,7 @@ impl Tree {
         means.iter().map(|mean| mean.delay(averaging)).collect()
     }
 
-    /// What is expected of the jitter of hops: MII everywhere.
+    /// The expected jitter of hops: MII everywhere.
     fn expected(&self, order: &[usize], reference: usize) -> Vec<Mean> {
         let mut jitter = vec![HopJitter::default(); order.len()];
         if self.hop_jitter {
@@ -214,7 +217,8 @@ impl Tree {
         jitter.into_iter().map(Mean::expecting).collect()
     }
 
-    /// Forks with receive times: no delay can be off by more than a tick for each and two for its ends.
+    /// No delay can be off by more than a tick for each fork with receive times and two for its
+    /// ends.
     fn hard_bound(&self) -> i64 {
         let ports = |d| PortNumber::ALL.into_iter().filter(|port| self.is_open(d, *port)).count();
         let forks = (0..self.links.len()).filter(|device| ports(*device) > 2).count();
@@ -222,13 +226,14 @@ impl Tree {
     }
 }
 
-/// Which delays can be known, by linear algebra over a prime field. Unknown is one number for each SubDevice:
-/// the cable above it, one way. Everything is written down by walking with the frame.
+/// Determines by linear algebra over a prime field which delays can be known. There is one unknown
+/// for each SubDevice: the cable above it, one way. All equations are written by walking with the
+/// frame.
 struct Oracle<'a> {
     tree: &'a Tree,
     /// Cables passed since the frame began.
     now: Vec<i64>,
-    /// At each port of each SubDevice when the frame arrives there; the order is that of arrival.
+    /// When the frame arrives at each port of each SubDevice, in the order of arrival.
     arrivals: Vec<Vec<(PortNumber, Vec<i64>)>>,
     unit: Vec<Vec<i64>>,
 }
@@ -260,14 +265,14 @@ impl<'a> Oracle<'a> {
                 self.now[child] += 1;
                 self.arrivals[device].push((port, self.now.clone()));
             }
-            // The processing unit stands behind port 0, whether it is open or not.
+            // The processing unit is behind port 0, whether it is open or not.
             if port == P0 {
                 self.unit[device] = self.now.clone();
             }
         }
     }
 
-    /// Whether the receive times tell the delay from one to the other.
+    /// Whether the receive times determine the delay from one SubDevice to the other.
     fn can_be_known(&self) -> impl Fn(usize, usize) -> bool {
         const PRIME: i64 = 1_000_003;
         let power = |mut base: i64, mut exponent: i64| {
@@ -309,7 +314,7 @@ impl<'a> Oracle<'a> {
     }
 }
 
-/// 1000 trees of chips whose stays are known, clocks of one speed: nothing is left but quantization.
+/// 1000 trees of chips with known stays and clocks of equal speed: only quantization remains.
 #[test]
 fn random_trees_state_their_errors_right() {
     for latches in [1, 16] {
@@ -375,15 +380,15 @@ fn random_trees_state_their_errors_right() {
         );
         assert!(known > 10_000 && indeterminate > 1_000);
         assert!((0.90..=0.999).contains(&coverage), "{coverage}");
-        // How far averaging went is a guess from the spread, and a cautious one for small segments.
+        // The effect of averaging is estimated from the spread, cautiously for small segments.
         let (least, ratio) = if latches == 1 { (0.95, 0.9..=1.1) } else { (0.7, 0.95..=2.3) };
         assert!(mean.abs() < 0.05 && (least..=1.05).contains(&rms), "{mean} +- {rms}");
         assert!(ratio.contains(&(stated / actual)), "{stated} and {actual}");
     }
 }
 
-/// 400 trees whose hops jitter, clocks up to 25 ppm apart: the stated errors hold, and the more
-/// latches the smaller they are.
+/// 400 trees whose hops jitter, with clocks up to 25 ppm apart: the stated errors hold, and more
+/// latches make them smaller.
 #[test]
 fn jitter_is_within_the_stated_errors_and_averages_out() {
     let mut errors = Vec::new();
@@ -428,8 +433,7 @@ fn jitter_is_within_the_stated_errors_and_averages_out() {
     assert!(errors[2] < errors[1] / 2.0, "128 are better than 16: {errors:?}");
 }
 
-/// Clocks of one speed: how they stand to each other stays, so that latches average nothing, and
-/// the error says so.
+/// Clocks of equal speed keep their phase, so that latches average nothing, and the error says so.
 #[test]
 fn clocks_of_one_speed_average_nothing() {
     let (mut known, mut within) = (0u32, 0u32);
@@ -451,7 +455,7 @@ fn clocks_of_one_speed_average_nothing() {
     assert!((0.90..=0.999).contains(&coverage), "{coverage}");
 }
 
-/// Clocks that run at different speeds: what that makes is within the systematic part.
+/// Clocks of different speeds: their effect is within the systematic part.
 #[test]
 fn speeds_of_clocks_are_within_the_bound() {
     let mut beyond = 0;
@@ -465,7 +469,7 @@ fn speeds_of_clocks_are_within_the_bound() {
         for (device, result) in order.iter().zip(&results) {
             let Delay::Known { delay, standard_error, systematic } = result else { continue };
             let truth = tree.true_arrival(*device) - tree.true_arrival(reference);
-            // The reference's own speed makes a ns of its counter a little more or less than one.
+            // The reference's own deviation changes the length of a ns of its counter.
             let truth_error = 50_000 * truth / 1_000_000_000;
             let error = (delay.0 - truth).abs();
             let limit = systematic.0 + 5 * standard_error.0 + truth_error;
@@ -476,7 +480,7 @@ fn speeds_of_clocks_are_within_the_bound() {
     println!("{beyond} beyond 5 sigma without the speeds");
 }
 
-/// 300 SubDevices on 120 m of cable: SYNC0 of the last against the first.
+/// 300 SubDevices on 120 m of cable: SYNC0 of the last one against the first.
 #[test]
 fn a_long_line() {
     const COUNT: usize = 300;
@@ -499,7 +503,7 @@ fn a_long_line() {
         let error = (delay.0 - truth) as f64;
         squares += error * error;
 
-        // The same times with processing taken for 1 ns longer than it is.
+        // The same times, with processing assumed 1 ns longer than it is.
         let mut nodes = tree.nodes(&tree.order());
         for node in &mut nodes {
             node.stay.processing += Picos(1_000);
@@ -515,7 +519,8 @@ fn a_long_line() {
     assert!((off - 149.0).abs() < 0.01, "{off} ns");
 }
 
-/// A ring of 7 cut anywhere: each side by frames from its own end, out of one description of the ring.
+/// A ring of 7 that is cut anywhere: each side is measured by frames from its own end, with one
+/// description of the ring.
 #[test]
 fn both_sides_of_a_cut_ring() {
     const COUNT: usize = 7;

@@ -1,16 +1,16 @@
-//! Receive times on every kind of tree: what the ESCs latch gives the true delays.
+//! Receive times on every kind of tree: the latched times give the true delays.
 //!
-//! The formula is that of the ESC data sheet (section I, propagation delay measurement), written down
-//! here once more, and nothing of the planner's: with A above B, `a` the port of A towards B and `p` the
-//! port of A that the frame came in by before,
+//! The formula is that of the ESC data sheet (section I, propagation delay measurement), written
+//! here again and not taken from the planner. Let A be above B, `a` the port of A towards B and `p`
+//! the port of A at which the frame arrived before:
 //!
 //! ```text
 //! t(A→B) = ((tA_a - tA_p) - (tB_last - tB_entry) + tDiff) / 2
 //! ```
 //!
-//! where `tDiff` is what A adds on the way out less what B adds on the way back: the processing delay
-//! where the frame passes the EPU there, else the forwarding delay. What is judged against is the walk
-//! of the frame in true time.
+//! Here `tDiff` is the time that A adds on the way out less the time that B adds on the way back:
+//! the processing delay if the frame passes the EPU there, otherwise the forwarding delay. The
+//! results are judged by the walk of the frame in true time.
 
 mod support;
 
@@ -22,12 +22,12 @@ use isocat_wire::PortNumber;
 use isocat_wire::time::{Picos, Time};
 use support::*;
 
-/// A segment, and how its SubDevices hang together from one of its ends.
+/// A segment, and its connections seen from one of its ends.
 struct Case {
     name: String,
     segment: Segment,
     from: MainPort,
-    /// Only those that frames from this end process.
+    /// Links of the SubDevices that process frames from this end.
     links: Vec<Option<Link>>,
 }
 
@@ -59,31 +59,32 @@ impl Case {
         round(entry).filter(used).collect()
     }
 
-    /// How long a frame that came in at `port` stays until it leaves at the next one it visits.
+    /// The stay of a frame that came in at `port` until it leaves at the next port that it visits.
     fn stay(&self, device: usize, port: PortNumber) -> i64 {
         let visited = self.visited(device);
         let at = visited.iter().position(|other| *other == port).unwrap();
         let next = visited[(at + 1) % visited.len()];
-        // Through the EPU, if it came in at port 0 or passes the closed port 0.
+        // It passes the EPU if it came in at port 0 or passes the closed port 0.
         let between = round(port).skip(1).take_while(|other| *other != next);
         let processed = port == P0 || between.into_iter().any(|other| other == P0);
         let chip = self.chip(device);
         if processed { chip.processing_delay.0 } else { chip.forwarding_delay.0 }
     }
 
-    /// ns between two receive times of one SubDevice.
+    /// Time between two receive times of one SubDevice, ns.
     fn between(&self, device: usize, from: PortNumber, to: PortNumber) -> i64 {
         let times = receive_times(&self.segment, device);
         i64::from(times[to.index()].wrapping_sub(times[from.index()]))
     }
 
-    /// Delay in ps from the first SubDevice with a clock, how many forks lie between, or nothing where
-    /// the receive times do not tell.
+    /// Delay in ps from the first SubDevice with a clock, and the number of forks in between;
+    /// `None` if the receive times do not determine it.
     fn measured(&self, device: usize) -> Option<(i64, i64)> {
         if self.reference() == device {
             return Some((0, 0));
         }
-        // Up to the next clock; what has none and two ports is cable with a known asymmetry.
+        // Up to the next clock; a SubDevice with two ports but without a clock counts as cable with
+        // a known asymmetry.
         let ((mut above, mut port), mut uneven) = (self.link(device).0?, 0);
         while !self.has_clock(above) {
             if self.visited(above).len() != 2 {
@@ -118,8 +119,9 @@ impl Case {
         (self.true_arrival(device) - self.true_arrival(self.reference())).0
     }
 
-    /// Latches and compares: in a line all quantization cancels but that of the two ends (10 ns), each
-    /// fork leaves one and a half more. Gives the errors, ps, of those that can be known.
+    /// Latches and compares. In a line all quantization cancels except that of the two ends (10
+    /// ns); each fork leaves one and a half more. Returns the errors of the delays that can be
+    /// known, ps.
     fn judge(&mut self) -> Vec<i64> {
         let at = micros(5_000);
         let member = |device: &usize| self.links[*device].is_some() && self.has_clock(*device);
@@ -140,7 +142,7 @@ impl Case {
     }
 }
 
-/// The way round the ports.
+/// The order of the ports from a given one.
 fn round(from: PortNumber) -> impl Iterator<Item = PortNumber> {
     let order = [P0, P3, P1, P2];
     let first = order.iter().position(|port| *port == from).unwrap();
@@ -157,7 +159,7 @@ fn star() -> Vec<Link> {
     vec![ROOT, child(0, P3), child(0, P1), child(0, P2)]
 }
 
-/// Every SubDevice but the leaves has children at ports 1 and 2; 31 in all.
+/// Every SubDevice except the leaves has children at ports 1 and 2; 31 in all.
 fn tree_of_depth_5() -> Vec<Link> {
     let link = |number: usize| {
         let port = if number % 2 == 1 { P1 } else { P2 };
@@ -181,7 +183,8 @@ fn deep_cross() -> Vec<Link> {
     links
 }
 
-/// The cable from above is in port 1 at some, in port 2 at one, and at the end of the line.
+/// The cable from above is in port 1 at some SubDevices, in port 2 at one, and at the end of the
+/// line.
 fn swapped() -> Vec<Link> {
     vec![
         ROOT,
@@ -209,7 +212,7 @@ fn receive_times_give_the_true_delays() {
     for mut case in zoo(&WIDE) {
         let errors = case.judge();
         assert_eq!(errors.len(), case.links.len(), "{}: all can be known", case.name);
-        // Counters count in ticks of 10 ns and the cables do not: too good would be wrong.
+        // Counters count in ticks of 10 ns but cables do not, so too small errors would be wrong.
         let worst = errors.iter().map(|error| error.abs()).max().unwrap();
         assert!(worst >= 1_000, "{}: {worst} ps", case.name);
     }
@@ -236,13 +239,13 @@ fn a_device_without_clock_in_each_position() {
         let chip = |number| if number == plain { &PLAIN } else { &WIDE };
         let mut case = Case::new(&format!("line, {plain} without clock"), &line(8), chip);
         assert_eq!(case.judge().len(), 7);
-        // It answers the write of 0x0900 with nothing: no register there.
+        // It does not answer the write of 0x0900, since it has no such register.
         assert_eq!(receive_times(&case.segment, plain), [0; 4]);
     }
     for plain in 0..4 {
         let chip = |number| if number == plain { &PLAIN } else { &WIDE };
         let mut case = Case::new(&format!("star, {plain} without clock"), &star(), chip);
-        // Behind a fork without receive times nobody knows.
+        // Behind a fork without receive times the delay is unknown.
         assert_eq!(case.judge().len(), if plain == 0 { 1 } else { 3 });
     }
 }
@@ -279,7 +282,7 @@ fn a_ring_cut_at_every_edge() {
     }
 }
 
-/// Half of what the way out takes longer is what the measurement is off: nothing can see it.
+/// The measurement is off by half of the additional time of the way out: no measurement can see it.
 #[test]
 fn an_uneven_cable_is_an_error_of_half_the_difference() {
     for uneven in [-60_000, 40_000] {
@@ -295,7 +298,7 @@ fn an_uneven_cable_is_an_error_of_half_the_difference() {
     }
 }
 
-/// A PHY that receives more slowly than it sends does the same.
+/// A PHY that receives more slowly than it sends has the same effect.
 #[test]
 fn so_is_an_uneven_phy() {
     let mut connections: Vec<_> = line(2)
@@ -314,7 +317,7 @@ fn so_is_an_uneven_phy() {
     assert!((error + 80_000).abs() <= 10_000, "{error} ps");
 }
 
-/// Positions follow the processing unit: a swapped SubDevice comes after what hangs on its port 0.
+/// Positions follow the processing unit: a swapped SubDevice comes after those on its port 0.
 #[test]
 fn the_order_of_processing() {
     assert_eq!(processing_order(&line(3)), [0, 1, 2]);

@@ -1,5 +1,5 @@
-//! The jitter of hops: the same figures on both ways of a frame, within the bounds of the ports,
-//! and gone without it.
+//! The jitter of hops: both ways of computing a frame give the same times, the jitter is within the
+//! bounds of the ports, and it can be switched off.
 
 #[path = "../benches/line/mod.rs"]
 mod line;
@@ -20,7 +20,7 @@ use support::*;
 /// EBUS at every port.
 static EBUS: Chip = Chip { port_descriptor: 0xAA, dl_control: 0x0007_0001, ..ET1100 };
 
-/// A tree: a line of three, a branch at the second, the fourth swapped; clocks some ppm apart.
+/// A tree: a line of three, a branch at the second, the fourth swapped; clocks deviate by some ppm.
 const TREE: [Link; 6] = [
     (None, P0),
     (Some((0, P1)), P0),
@@ -40,13 +40,13 @@ fn jittering(links: &[Link], chip: &'static Chip, hop_jitter: bool, seed: u64) -
     Segment::new(links.iter().enumerate().map(connection).collect(), seed)
 }
 
-/// Frames that meet something are followed port by port: what they find is what they would find on
-/// the computed way.
+/// Frames that meet a change are followed port by port, with the same results as on the computed
+/// way.
 #[test]
 fn both_ways_of_a_frame_give_the_same_times() {
     let mut computed = jittering(&TREE, &WIDE, true, 5);
     let mut followed = jittering(&TREE, &WIDE, true, 5);
-    // An error on a cable that is not there waits for ever.
+    // An error on a cable that does not exist is never used up.
     followed.disturb(BitError { cable: 99, direction: Direction::Out, at: micros(1), bit: 0 });
     let mut seen = Vec::new();
     for number in 0..300 {
@@ -65,7 +65,7 @@ fn both_ways_of_a_frame_give_the_same_times() {
     assert!((40_000..400_000).contains(&spread.0), "ten hops there and back: {spread:?}");
 }
 
-/// How far the round trips to the second of two spread, ns.
+/// Spread of the round trips to the second SubDevice, ns.
 fn spread_of_rounds(chip: &'static Chip, dl_control: Option<u32>) -> (u32, u32) {
     let mut segment = jittering(&TREE[..2], chip, true, 3);
     if let Some(control) = dl_control {
@@ -83,7 +83,7 @@ fn spread_of_rounds(chip: &'static Chip, dl_control: Option<u32>) -> (u32, u32) 
     (*rounds.iter().min().unwrap(), *rounds.iter().max().unwrap())
 }
 
-/// Both stamps lie on the edges of one clock: a loop is one of two multiples of its period, to a
+/// Both stamps are on the edges of one clock: a loop is one of two multiples of its period, to a
 /// tick.
 #[test]
 fn a_loop_varies_by_a_period_of_its_ports() {
@@ -95,7 +95,7 @@ fn a_loop_varies_by_a_period_of_its_ports() {
     assert!(most - least <= 10, "low jitter: {least} to {most}");
 }
 
-/// 0x0100 bits 18:16: the loop gets shorter by what the FIFOs at both of its ends take off.
+/// 0x0100 bits 18:16: the loop becomes shorter by the reduction of the FIFOs at both of its ends.
 #[test]
 fn smaller_fifos_make_loops_shorter() {
     let middle = |chip, size: u32| {
@@ -110,8 +110,8 @@ fn smaller_fifos_make_loops_shorter() {
     assert!((whole - small).abs_diff(60) <= 10, "EBUS: {whole} and {small}");
 }
 
-/// Without jitter every frame takes the same time, whatever the FIFOs are set to; with it the mean
-/// is that.
+/// Without jitter every frame takes the same time, with any setting of the FIFOs; with jitter this
+/// is the mean.
 #[test]
 fn without_jitter_nothing_varies() {
     let mut still = jittering(&TREE, &WIDE, false, 5);
@@ -136,8 +136,8 @@ fn without_jitter_nothing_varies() {
     assert!((0..50).any(|number| trip(&mut other, number) != trips[number as usize]));
 }
 
-/// An ET1200 ends a line behind an MII port of an ET1100: what stands at a port decides, not what
-/// the chip has.
+/// An ET1200 at the end of a line is behind an MII port of an ET1100: the kind of each port
+/// decides, not the chip.
 #[test]
 fn each_port_has_its_own_period() {
     let links = line(2);
@@ -165,8 +165,8 @@ fn each_port_has_its_own_period() {
 const SHORT: Course =
     Course { devices: 51, hop_jitter: true, settling: [15_000, 4_000], cycles: 2_000 };
 
-/// 0x092C shows the sum of the waits on the way, 40 ns / sqrt(12) each, behind its filter, and
-/// SYNC0 little of it; less would be too good.
+/// 0x092C shows the sum of the waits on the way, 40 ns / sqrt(12) each, after its filter, and SYNC0
+/// little of it; a smaller value would be too good.
 fn check(found: &[Spread]) {
     for one in found {
         let expected = 11.5 * (one.hops as f64).sqrt();
@@ -203,7 +203,7 @@ fn sync0_and_092c_along_a_line_of_300() {
     check(&spread(&course, &[1, 10, 50, 300]));
 }
 
-/// What a receive time of the fifth SubDevice is made of does not hang on who else is addressed.
+/// A receive time of the fifth SubDevice does not depend on the other addressed SubDevices.
 #[test]
 fn frames_for_one_are_in_time_as_frames_for_all() {
     let links = line(6);

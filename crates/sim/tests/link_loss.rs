@@ -1,4 +1,4 @@
-//! Cables pulled, plugged and disturbed while frames go round, and loops that are set over the wire.
+//! Cables pulled, plugged and disturbed during operation, and loops that are set over the wire.
 
 mod support;
 
@@ -16,7 +16,7 @@ use isocat_wire::frame::duration_ns;
 use isocat_wire::time::{Picos, Time, True};
 use support::*;
 
-/// From a cable's cut until the ESCs know, and from plugging in until they have a link.
+/// Time from a cable's cut until the ESCs notice it, and from plugging in until they have a link.
 const LOSS: Picos = Picos(15_000_000);
 const GAIN: Picos = Picos(2_000_000_000);
 
@@ -24,7 +24,7 @@ fn line_with_quick_links(count: usize, chip: &'static Chip) -> Segment {
     let connection = |(number, (parent, port)): (usize, _)| {
         let cable = Cable { link_loss: LOSS, link_gain: GAIN, ..cable(number) };
         let device = device(chip, ClockModel::constant(number as i64 * 7_000), Time::ZERO);
-        // Where a frame is when something happens is told to the picosecond.
+        // The position of a frame at a change must be exact to the picosecond.
         Connection { port, hop_jitter: false, ..Connection::new(parent, cable, device) }
     };
     Segment::new(line(count).into_iter().enumerate().map(connection).collect(), 1)
@@ -64,8 +64,9 @@ fn a_cable_pulled_and_plugged_in_the_middle_of_cyclic_traffic() {
                     assert!(at >= pulled && !linked, "{cut}: cut at {at:?}");
                 }
                 Err(reason) => {
-                    // Until the ESC above the cut knows, it sends into nothing. The MainDevice always
-                    // does, and once the cable is there again, port 0 has no link yet.
+                    // Until the ESC above the cut notices it, it sends without effect. The
+                    // MainDevice always does, and when the cable is plugged again, port 0 has no
+                    // link yet.
                     let unnoticed = at + Picos(20_000_000) > pulled && at < pulled + LOSS;
                     let without_link = cut == 0 && at >= pulled && !linked;
                     assert!(unnoticed || without_link, "{cut}: lost at {at:?}");
@@ -78,7 +79,7 @@ fn a_cable_pulled_and_plugged_in_the_middle_of_cyclic_traffic() {
                     continue;
                 }
             }
-            // What the ESCs say follows, as soon as frames find it so.
+            // The status of the ESCs follows, as soon as frames meet the change.
             if cut > 0 && at >= pulled + LOSS {
                 let (state, losses) = if linked { (UP, 1) } else { (DOWN, 1) };
                 assert_eq!(port_status(&segment, cut - 1, P1), state);
@@ -92,7 +93,7 @@ fn a_cable_pulled_and_plugged_in_the_middle_of_cyclic_traffic() {
     }
 }
 
-/// The last bit of a frame over the cable decides, to the picosecond.
+/// The last bit of a frame on the cable decides, to the picosecond.
 #[test]
 fn a_frame_in_flight_over_a_broken_cable_is_lost() {
     let through = |pulled: Time<True>| {
@@ -110,7 +111,7 @@ fn a_frame_in_flight_over_a_broken_cable_is_lost() {
     assert_eq!(through(over + Picos(-1)), lost);
     assert_eq!(through(micros(100) + out + duration), lost, "lost on the way back");
     assert_eq!(through(micros(100)), lost);
-    // Cut and noticed before: the frame turns around above.
+    // The cut was noticed before: the frame turns around above it.
     assert_eq!(through(micros(100) + Picos(-LOSS.0)), Ok(1));
 }
 
@@ -125,21 +126,22 @@ fn a_break_too_short_to_be_noticed_costs_only_the_frames_in_it() {
     assert_eq!(counters(&segment, 0).lost_links, [0; 4]);
 }
 
-/// Frames that are beyond a break when it is noticed come back to a port 0 that has closed by itself:
+/// Frames beyond a break when it is noticed come back to a port 0 that has closed automatically:
 /// they are marked, pass once more and are destroyed.
 #[test]
 fn a_frame_behind_the_break_circulates_once_and_is_destroyed() {
     const COUNT: usize = 60;
     let mut segment = line_with_quick_links(COUNT, &WIDE);
     let out = arrival(&segment, MainPort::Primary, COUNT / 2, P0);
-    // It is halfway when the first cable breaks, and needs longer to come back than the notice.
+    // It is halfway when the first cable breaks, and its way back is longer than the time to the
+    // notice.
     let broken = micros(100) + out;
     assert!(arrival(&segment, MainPort::Primary, 1, P1) - out > LOSS);
     segment.unplug(1, broken);
     let mut bytes = frame(Command::Brd, Address::Broadcast(0), &[0]);
     let fate = segment.pass(&mut bytes, micros(100), &mut |_| ());
     assert_eq!(fate, Err(Lost::Destroyed { device: 1 }));
-    // All once, those behind the break once more.
+    // All count once, and those behind the break once more.
     assert_eq!(usize::from(answer(&bytes).1), COUNT + COUNT - 1);
     assert_eq!(count(&mut segment, micros(2_000)), Ok(1));
 }
@@ -156,7 +158,7 @@ fn a_ring_survives_one_cut() {
             (wkc, fate.map(|returned| returned.port))
         })
     };
-    // Whole: one frame is processed and comes out at the other end, the other only passes.
+    // Whole: one frame is processed and comes out at the other end, the other one only passes.
     let whole = [(4, Ok(MainPort::Secondary)), (0, Ok(MainPort::Primary))];
     assert_eq!(both(&mut segment, 100), whole);
     segment.unplug(2, micros(1_000));
@@ -186,7 +188,7 @@ fn bit_errors_count_where_they_are_seen() {
             .collect::<Vec<_>>()
     };
     let none = ([0; 4], [0; 4]);
-    // On the way out, over the cable to 2: port 0 of 2 sees it, then everybody as marked.
+    // On the way out, over the cable to 2: port 0 of 2 sees it, then all others see it as marked.
     let segment = damaged(Direction::Out);
     let (first, later) = (([1, 0, 0, 0], [0, 1, 0, 0]), ([0; 4], [1, 0, 0, 0]));
     let back = ([0; 4], [0, 1, 0, 0]);
@@ -194,7 +196,7 @@ fn bit_errors_count_where_they_are_seen() {
     let station = |segment: &Segment, device: usize| {
         segment.devices()[device].esc.register(isocat_wire::register::STATION_ADDRESS)
     };
-    // A register comes into force only where the frame was still good.
+    // A register only takes effect where the frame was still good.
     assert_eq!([0, 1, 2, 3].map(|d| station(&segment, d)), [0x1234, 0x1234, 0, 0]);
     // On the way back over it: port 1 of 1 sees it first.
     let segment = damaged(Direction::Back);
@@ -202,7 +204,7 @@ fn bit_errors_count_where_they_are_seen() {
     assert_eq!([0, 1, 2, 3].map(|d| station(&segment, d)), [0x1234; 4]);
 }
 
-/// DL control decides, not only the cabling.
+/// DL control decides, not only the cables.
 #[test]
 fn a_closed_loop_cuts_the_segment_and_opens_again() {
     let mut segment = line_with_quick_links(4, &WIDE);
@@ -212,18 +214,20 @@ fn a_closed_loop_cuts_the_segment_and_opens_again() {
     assert_eq!(port_status(&segment, 1, P1), (true, true, true));
     write(&mut segment, micros(300), 1, 0x0101, &[0]);
     assert_eq!(count(&mut segment, micros(400)), Ok(4));
-    // For a second only.
+    // Closed for a second only.
     write(&mut segment, micros(500), 1, 0x0100, &[0b11, 0b1100]);
     assert_eq!(count(&mut segment, micros(600)), Ok(2));
     assert_eq!(count(&mut segment, micros(990_000)), Ok(2));
     assert_eq!(count(&mut segment, micros(1_010_000)), Ok(4));
-    // Open without a cable: what goes there is lost, until somebody closes it again, who can reach it.
+    // Open without a cable: frames to it are lost, until a frame that still reaches it closes it
+    // again.
     write(&mut segment, micros(1_020_000), 3, 0x0101, &[0b1000]);
     let nowhere = isocat_sim::wiring::End::Port(3, P1);
     assert_eq!(count(&mut segment, micros(1_030_000)), Err(Lost::NoCable(nowhere)));
 }
 
-/// Auto close: link back is not enough; writing 0x0101 opens, and so does a good frame from outside.
+/// Auto close: a new link is not enough; writing 0x0101 opens the port, and so does a good frame
+/// from outside.
 #[test]
 fn an_auto_closed_port_waits() {
     let mut segment = line_with_quick_links(3, &WIDE);
@@ -236,7 +240,8 @@ fn an_auto_closed_port_waits() {
     write(&mut segment, micros(10_100), 0, 0x0101, &[0b0100]);
     assert_eq!(count(&mut segment, micros(10_200)), Ok(3));
 
-    // In a ring a frame from the other end arrives at the waiting port: it is not taken, the next is.
+    // In a ring a frame from the other end arrives at the waiting port: it is not accepted, but the
+    // next one is.
     let mut segment = line_with_quick_links(3, &WIDE);
     segment.close_ring(2, P1, cable(3)).unwrap();
     let wkc = |segment: &mut Segment, port, us| {
@@ -256,7 +261,8 @@ fn an_auto_closed_port_waits() {
     assert_eq!(primary, Ok((3, MainPort::Secondary)));
 }
 
-/// A segment of everything: positions by processing order, each answers at its own.
+/// A segment with all features: positions follow the processing order, and each SubDevice answers
+/// at its own.
 #[test]
 fn every_position_answers_in_a_tree_with_swapped_cables() {
     let links = [

@@ -1,5 +1,5 @@
-//! Receive times of an ET1200, whose ports stamp the next frame: right if no frame is on its way
-//! behind it, too early a frame if one is.
+//! Receive times of an ET1200, whose ports stamp the next frame: they are right if no frame is in
+//! flight behind it, and those of an earlier frame otherwise.
 
 #[path = "../benches/line/mod.rs"]
 mod line;
@@ -15,7 +15,7 @@ use support::{WIDE, arrival, count, latch, micros, receive_times, segment, send_
 /// An ET1200 with the ports of the other chips.
 static NEXT: Chip = Chip { name: "next", stamps_next_frame: true, ..WIDE };
 
-/// So many that a frame is back long after the next one may have left.
+/// So many SubDevices that a frame is back long after the next one may have left.
 const COUNT: usize = 40;
 /// A frame of 60 bytes with its gap lasts 6.72 us.
 const SPACING: u64 = 7;
@@ -31,13 +31,13 @@ fn round_trip(segment: &Segment, device: usize) -> i64 {
     i64::from(port_1.wrapping_sub(port_0) as i32)
 }
 
-/// The same by the way of frames.
+/// The same by the path of frames.
 fn true_round_trip(segment: &Segment, device: usize) -> i64 {
     let at = |port| arrival(segment, MainPort::Primary, device, port);
     (at(PortNumber::P1) - at(PortNumber::P0)).0 / 1_000
 }
 
-/// Two ticks may be missing at most.
+/// Two ticks may be missing.
 fn assert_about(found: i64, expected: i64) {
     assert!((found - expected).abs() <= 10, "{found} ns, not {expected} ns");
 }
@@ -47,7 +47,7 @@ fn an_et1200_does() {
     assert!(ET1200.stamps_next_frame && !WIDE.stamps_next_frame);
 }
 
-/// Without other frames on their way a chip of this kind has the times of any other.
+/// Without other frames in flight a chip of this kind has the same times as any other.
 #[test]
 fn with_an_empty_segment_it_is_right() {
     for chip in [&WIDE, &NEXT] {
@@ -65,8 +65,8 @@ fn with_an_empty_segment_it_is_right() {
     }
 }
 
-/// The trap: the frame before is still on its way, and its return is taken for that of the latch.
-/// The round trip is then too short by what the frames were apart.
+/// The trap: the previous frame is still in flight, and its return is taken for that of the latch.
+/// The round trip is then too short by the time between the frames.
 #[test]
 fn a_frame_under_way_spoils_it() {
     for (chip, frames) in [(&NEXT, 1), (&NEXT, 3), (&WIDE, 3)] {
@@ -77,19 +77,19 @@ fn a_frame_under_way_spoils_it() {
         }
         latch(&mut segment, MainPort::Primary, micros(2_000 + frames * SPACING));
         let early = match chip.stamps_next_frame {
-            // The oldest of them is the first that is back.
+            // The oldest of them comes back first.
             true => frames as i64 * SPACING as i64 * 1_000,
             false => 0,
         };
         let expected = true_round_trip(&segment, 0);
         assert_about(round_trip(&segment, 0), expected - early);
-        // The SubDevice behind it knows the frame.
+        // The SubDevice behind it recognizes the frame.
         assert_about(round_trip(&segment, 1), true_round_trip(&segment, 1));
     }
 }
 
-/// The edge: a frame that begins at port 1 just as the latch begins at port 0 is stamped; one that
-/// began a ns before is not, and the times are right.
+/// The edge: a frame that begins at port 1 just when the latch begins at port 0 is stamped; one
+/// that began a ns earlier is not, and the times are right.
 #[test]
 fn a_frame_that_is_coming_back_already_does_no_harm() {
     let mut reference = one_of(&NEXT);
@@ -106,8 +106,8 @@ fn a_frame_that_is_coming_back_already_does_no_harm() {
     }
 }
 
-/// A port that no frame reached waits: the first frame behind a new cable is stamped, whatever is
-/// in it.
+/// A port that no frame reached waits: the first frame behind a new cable is stamped, whatever its
+/// content.
 #[test]
 fn a_port_waits_for_a_frame() {
     let mut segment = segment(&support::line(3), |_| &NEXT);
@@ -130,14 +130,14 @@ fn a_port_waits_for_a_frame() {
     }
 }
 
-/// Latches of a MainDevice while the cycle of a line runs whose first chip stamps the next frame:
-/// how many there were, and the longest error of that chip's round trip in them, ns.
+/// Latches of a MainDevice during the cycle of a line whose first chip stamps the next frame:
+/// returns the number of latches, and the largest error of that chip's round trip, ns.
 fn latch_while_it_runs(chip: &'static Chip) -> (u64, i64) {
     let mut segment = line::connections(LINE);
-    // What is left over is the chip's.
+    // The remaining error is the chip's.
     segment.iter_mut().for_each(|connection| connection.hop_jitter = false);
     segment[0].device.chip = *chip;
-    // Not a multiple of the cycle, so that latches are asked for at any phase of it.
+    // It is not a multiple of the cycle, so that latches are due at any phase of it.
     let watch = DelayWatch { every: Nanos(4_300_000), latches: 16, rewrite: false };
     let world = line::world_of(segment, |config| config.delay_watch = Some(watch));
     let mut world = world.expect("the line comes up");
@@ -160,13 +160,13 @@ fn latch_while_it_runs(chip: &'static Chip) -> (u64, i64) {
     (latches, worst)
 }
 
-/// SubDevices of the line: the frames of its cycle are still on their way when the acyclic ones
-/// leave.
+/// Number of SubDevices of the line: the frames of its cycle are still in flight when the acyclic
+/// ones leave.
 const LINE: usize = 100;
 
-/// While the cycle runs, the MainDevice latches when no other frame is under way: it knows an
-/// ET1200 by its type. Where the same chip has another type, the MainDevice does not know it and
-/// falls into the trap: it latches behind the frames of the cycle, and their return is stamped.
+/// During the cycle, the MainDevice latches when no other frame is in flight: it recognizes an
+/// ET1200 by its type. If the same chip has another type, the MainDevice does not recognize it and
+/// latches behind the frames of the cycle, whose return is then stamped.
 #[test]
 fn a_main_device_latches_into_an_empty_segment() {
     static KNOWN: Chip = Chip { kind: ET1200.kind, stamps_next_frame: true, ..LAN9252 };

@@ -1,4 +1,4 @@
-//! SubDevices switched off and on while frames go round.
+//! SubDevices that are switched off and on during operation.
 
 mod support;
 
@@ -10,7 +10,7 @@ use isocat_wire::time::{Device, Picos, Time, True};
 use isocat_wire::{AlState, AlStatus};
 use support::*;
 
-/// From a cut until the ESCs know, and from power until they have a link.
+/// Time from a cut until the ESCs notice it, and from power-on until they have a link.
 const LOSS: Picos = Picos(15_000_000);
 const GAIN: Picos = Picos(2_000_000_000);
 const ONE: Picos = Picos(1);
@@ -20,7 +20,7 @@ fn line_with_quick_links(count: usize) -> Segment {
         let cable = Cable { link_loss: LOSS, link_gain: GAIN, ..cable(number) };
         let clock = ClockModel::constant(number as i64 * 7_000);
         let device = device(&WIDE, clock, Time::new(number as u64 * 1_000_000_000_000));
-        // Where a frame is when something happens is told to the picosecond.
+        // The position of a frame at a change must be exact to the picosecond.
         Connection { port, hop_jitter: false, ..Connection::new(parent, cable, device) }
     };
     Segment::new(line(count).into_iter().enumerate().map(connection).collect(), 1)
@@ -110,16 +110,16 @@ fn it_starts_anew_with_the_eeprom_that_was_written() {
     let (from, at): (Time<Device>, Time<Device>) = (clock.read(on), clock.read(on + GAIN));
     assert_eq!((at - from).0, 2_000_014);
     let local = segment.devices()[1].esc.local_time(at);
-    // In ticks of 10 ns, which lie where the oscillator has them.
+    // It counts ticks of 10 ns, whose phase is that of the oscillator.
     assert!(local.count().abs_diff(2_000_014) <= 10, "{local:?}");
-    // It answers, and can be taken up again.
+    // It answers, and can be brought up again.
     assert_eq!(count(&mut segment, micros(60_000)), Ok(3));
     write(&mut segment, micros(60_100), 1, 0x0120, &[0x02, 0x00]);
     live(&mut segment, micros(60_500));
     assert_eq!(al_status(&segment, 1), AlStatus::new(AlState::PreOp));
 }
 
-/// What cuts a cable adds up: it is whole when nothing is left.
+/// Causes of a cut add up: the cable is whole when none remains.
 #[test]
 fn a_cable_needs_both_ends_and_to_be_plugged() {
     let mut segment = line_with_quick_links(4);
@@ -139,8 +139,8 @@ fn a_cable_needs_both_ends_and_to_be_plugged() {
     assert_eq!(port(&segment, 3, P0), (true, false, 1), "one link was lost, not three");
 }
 
-/// A cable that is pulled for so short that no ESC notices costs nothing; a SubDevice without power for as
-/// short has lost its links.
+/// A cable that is pulled so briefly that no ESC notices has no effect; a SubDevice without power
+/// for as short a time has lost its links.
 #[test]
 fn no_power_cycle_is_too_short_to_be_noticed() {
     let mut segment = line_with_quick_links(3);
@@ -153,7 +153,7 @@ fn no_power_cycle_is_too_short_to_be_noticed() {
     assert_eq!(port(&segment, 0, P1), (true, false, 1));
     assert_eq!(port(&segment, 2, P0), (true, false, 1));
 
-    // Off again while the link is still on its way back.
+    // Off again while the link is still coming back.
     segment.power_off(1, micros(10_000));
     segment.power_on(1, micros(10_001));
     segment.power_off(1, micros(11_000));
@@ -164,7 +164,7 @@ fn no_power_cycle_is_too_short_to_be_noticed() {
     assert_eq!(port(&segment, 2, P0), (true, false, 2));
 }
 
-/// The first of all has the MainDevice above it, which always sends.
+/// The first SubDevice has the MainDevice above it, which always sends.
 #[test]
 fn without_the_first_nothing_comes_back() {
     let mut segment = line_with_quick_links(2);
@@ -174,7 +174,7 @@ fn without_the_first_nothing_comes_back() {
     assert_eq!(count(&mut segment, micros(10_000)), Ok(2));
 }
 
-/// A port that is open by force sends into the pulled cable for ever.
+/// A port that is forced open sends into the pulled cable endlessly.
 #[test]
 fn a_port_open_by_force_loses_all_frames() {
     for by_power in [false, true] {

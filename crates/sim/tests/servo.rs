@@ -1,4 +1,4 @@
-//! The servo against the laws of the field, as `docs/servo.md` has it in full: fewer starts, the same limits.
+//! The servo against other laws, with fewer starts than in `docs/servo.md` but the same limits.
 
 #[path = "../examples/servo/figures.rs"]
 mod figures;
@@ -15,11 +15,11 @@ use laws::LAWS;
 
 const MILLISECOND: i64 = 1_000_000_000;
 const MICROSECOND: f64 = 1_000_000.0;
-/// The tick of the reference, ps: two figures that differ by less are equal.
+/// The tick of the reference, ps: figures that differ by less are equal.
 const TICK: i64 = 10_000;
 
-/// Within 200 ms each deadline is less than a microsecond off the target and stays so; the phase is the same
-/// after every start, to less than a microsecond.
+/// Within 200 ms each deadline is less than a microsecond off the target and stays so; the phase is
+/// the same after every start, to less than a microsecond.
 #[test]
 fn locked_soon_and_in_the_same_phase_after_every_start() {
     for course in COURSES {
@@ -31,8 +31,8 @@ fn locked_soon_and_in_the_same_phase_after_every_start() {
         assert!(ours.repeat < MICROSECOND, "{name}: {} ps", ours.repeat);
         assert!(ours.worst < MICROSECOND as i64, "{name}: {} ps", ours.worst);
         assert!(ours.earliest > -(MICROSECOND as i64), "{name}: {} ps", ours.earliest);
-        // A clock of 10 ns ticks can't be followed better than this, nor can a host that is held up be
-        // known at once.
+        // A clock with 10 ns ticks cannot be followed better than this, nor can the delay of a host
+        // be known at once.
         assert!(ours.repeat > 1.0 && ours.worst > 100, "{name}: {} {}", ours.repeat, ours.worst);
         if course.stamp_noise.0 >= 10_000 {
             assert!(ours.lock.median > 10 * MILLISECOND, "{name}: {} ps", ours.lock.median);
@@ -44,7 +44,7 @@ fn locked_soon_and_in_the_same_phase_after_every_start() {
     }
 }
 
-/// No worse than the best of the others, figure by figure; a tick is no difference.
+/// No figure is worse than the best of the others; a tick is no difference.
 #[test]
 fn no_law_of_the_field_is_better() {
     let starts = 10;
@@ -64,7 +64,7 @@ fn no_law_of_the_field_is_better() {
     }
 }
 
-/// The others show what is known of them: the race is neither unfair to them nor too kind.
+/// The other laws behave as is known of them: the race is neither unfair to them nor too kind.
 #[test]
 fn the_others_are_as_they_are_known() {
     let starts = 6;

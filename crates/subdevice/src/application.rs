@@ -1,4 +1,4 @@
-//! What a device author writes.
+//! The part that a device author writes.
 
 use isocat_sync::Event;
 use isocat_wire::soe::{self, Idn};
@@ -7,38 +7,38 @@ use isocat_wire::{AbortCode, ObjectAddress};
 
 /// The application of a SubDevice. Every call has a default that does nothing.
 ///
-/// The stack calls the steps of a cycle in the order and at the instants that the synchronization mode
-/// gives them (see `isocat_sync::Step`).
+/// The stack calls the steps of a cycle in the order and at the instants of the synchronization
+/// mode (see `isocat_sync::Step`).
 pub trait Application {
-    /// An event came in SAFEOP or OP, before the steps that it starts: for programs that do more at an event than
-    /// the steps of the mode.
+    /// Called at an event in SAFEOP or OP, before the steps that it starts, for programs that do
+    /// more at an event than these steps.
     fn event(&mut self, _event: Event) {}
 
-    /// Outputs have arrived: the process image of SM2. Called in OP only.
+    /// Takes the outputs that arrived: the process image of SM2. Called only in OP.
     fn map_outputs(&mut self, _outputs: &[u8]) {}
 
-    /// The application's own work, once a cycle of `cycle` (zero if unknown). With subordinated cycles
-    /// that is the cycle of SYNC0, unless the application runs at SYNC1.
+    /// Does the application's own work, once in a cycle of `cycle` (zero if unknown). With
+    /// subordinated cycles it is the cycle of SYNC0, unless the application runs at SYNC1.
     fn application(&mut self, _cycle: Nanos) {}
 
-    /// The outputs act on the process from now on.
+    /// Lets the outputs act on the process from now on.
     fn outputs_valid(&mut self) {}
 
-    /// Take the inputs from the process now.
+    /// Latches the inputs of the process now.
     fn latch_inputs(&mut self) {}
 
-    /// Put the inputs into the process image of SM3.
+    /// Writes the inputs into the process image of SM3.
     fn map_inputs(&mut self, _inputs: &mut [u8]) {}
 
-    /// OP was left: outputs go to their safe state.
+    /// Sets the outputs to their safe state: OP was left.
     fn safe_outputs(&mut self) {}
 
-    /// The device is switched off, and will start anew: what was kept in RAM is gone. Outputs are
-    /// without power, so [`safe_outputs`](Self::safe_outputs) is not called.
+    /// Called when the device is switched off and will start again: the content of RAM is lost.
+    /// Outputs have no power, so [`safe_outputs`](Self::safe_outputs) is not called.
     fn power_off(&mut self) {}
 
-    /// The present value of an object of the application, into the front of `value`; gives its bytes.
-    /// `None` leaves the object to the stack's own store.
+    /// Reads the present value of an object of the application into the front of `value`; returns
+    /// its length in bytes. `None` leaves the object to the stack's own store.
     fn read_object(
         &mut self,
         _object: ObjectAddress,
@@ -47,8 +47,9 @@ pub trait Application {
         None
     }
 
-    /// The present value of a parameter of the application, which SoE asks for, into the front of `value`; gives its
-    /// bytes. A list has its length in front ([`Parameter`](crate::Parameter)). `None` leaves it to the stack's own store.
+    /// Reads the present value of a parameter of the application, for SoE, into the front of
+    /// `value`; returns its length in bytes. A list begins with its length
+    /// ([`Parameter`](crate::Parameter)). `None` leaves it to the stack's own store.
     fn read_parameter(
         &mut self,
         _drive: u8,
@@ -58,7 +59,8 @@ pub trait Application {
         None
     }
 
-    /// A value was written to a parameter; an error ends the transfer and nothing is stored.
+    /// Called when a value is written to a parameter; an error ends the transfer, and nothing is
+    /// stored.
     fn write_parameter(
         &mut self,
         _drive: u8,
@@ -68,7 +70,8 @@ pub trait Application {
         Ok(())
     }
 
-    /// A value was written to an object; an error aborts the transfer and nothing is stored.
+    /// Called when a value is written to an object; an error aborts the transfer, and nothing is
+    /// stored.
     fn write_object(&mut self, _object: ObjectAddress, _value: &[u8]) -> Result<(), AbortCode> {
         Ok(())
     }

@@ -1,5 +1,5 @@
-//! PDO assignment (0x1C12, 0x1C13) and mapping (0x1600.., 0x1A00..): what may be written to them, and the
-//! lengths that follow from them.
+//! PDO assignment (0x1C12, 0x1C13) and mapping (0x1600.., 0x1A00..): checks of written values, and
+//! the resulting lengths.
 
 use core::ops::RangeInclusive;
 
@@ -15,12 +15,11 @@ pub(crate) const RX_PDOS: RangeInclusive<u16> = 0x1600..=0x17FF;
 /// Indices of the TxPDOs (inputs).
 pub(crate) const TX_PDOS: RangeInclusive<u16> = 0x1A00..=0x1BFF;
 
-/// A PDO that is assigned does not exist, or one of its entries is missing.
+/// An assigned PDO does not exist, or one of its entries is missing.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct NotComputable;
 
-/// Bytes of the process data that an assignment object asks for; `None` if the device has no such
-/// object.
+/// Bytes of the process data by an assignment object; `None` if the device has no such object.
 pub(crate) fn length<S: AsRef<[u8]> + AsMut<[u8]>>(
     dictionary: &Dictionary<S>,
     assignment: u16,
@@ -42,14 +41,14 @@ pub(crate) fn of_sync_manager(area: ProcessDataArea) -> u16 {
     FIRST_ASSIGNMENT + u16::from(area.sync_manager)
 }
 
-/// Whether the values of this object can be changed only while its sub-index 0 is 0.
+/// Whether the values of this object can only be changed while its sub-index 0 is 0.
 pub(crate) fn is_guarded_by_count(index: u16) -> bool {
     RX_PDOS.contains(&index)
         || TX_PDOS.contains(&index)
         || (FIRST_ASSIGNMENT..=LAST_ASSIGNMENT).contains(&index)
 }
 
-/// Judges a value that the MainDevice writes into an assignment or mapping object.
+/// Checks a value that the MainDevice writes into an assignment or mapping object.
 pub(crate) fn check_write<S: AsRef<[u8]> + AsMut<[u8]>>(
     dictionary: &Dictionary<S>,
     address: ObjectAddress,
@@ -77,8 +76,8 @@ fn check_assigned(value: u32, range: RangeInclusive<u16>) -> Result<(), AbortCod
     if fits { Ok(()) } else { Err(AbortCode::VALUE_RANGE) }
 }
 
-/// Judges an entry of a mapping object: index, sub-index and bits of what is mapped. Index 0 keeps
-/// bits free.
+/// Checks an entry of a mapping object: index, sub-index and bits of the mapped entry. Index 0
+/// reserves bits.
 fn check_mapped<S: AsRef<[u8]> + AsMut<[u8]>>(
     dictionary: &Dictionary<S>,
     value: u32,
@@ -112,7 +111,7 @@ fn pdo_bits<S: AsRef<[u8]> + AsMut<[u8]>>(
     Ok(bits)
 }
 
-/// A slot of an assignment object that assigns nothing.
+/// A slot of an assignment object without a PDO.
 const EMPTY: u16 = 0;
 /// Assignment object of SM0.
 const FIRST_ASSIGNMENT: u16 = 0x1C10;

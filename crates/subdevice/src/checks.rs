@@ -1,7 +1,7 @@
-//! What must be right before a state is entered: SyncManagers, mapping, DC, watchdog.
+//! Checks before a state is entered: SyncManagers, mapping, DC, watchdog.
 //!
 //! The order of the checks is that of the Slave Stack Code, so that a configuration with several
-//! faults gives the status code that the field knows; stricter checks stand behind those they refine.
+//! faults gives the usual status code. Stricter checks follow those that they refine.
 
 use core::ops::Range;
 
@@ -21,14 +21,14 @@ use crate::misbehaviour::Misbehaviour;
 use crate::process_data::{Buffer, Buffers, MAX_AREAS, MAX_PROCESS_DATA};
 use crate::sync_engine::{Chosen, Setup};
 
-/// What PREOP to SAFEOP found out.
+/// The results of the checks of PREOP to SAFEOP.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct SafeOp {
-    /// Buffers of the outputs, SM2 as a rule.
+    /// Buffers of the outputs, usually SM2.
     pub outputs: Buffers,
-    /// Buffers of the inputs, SM3 as a rule.
+    /// Buffers of the inputs, usually SM3.
     pub inputs: Buffers,
-    /// A SyncManager of outputs restarts the process data watchdog.
+    /// Whether a SyncManager of outputs restarts the process data watchdog.
     pub watchdog: bool,
     /// How the device will be synchronized.
     pub sync: Setup,
@@ -37,7 +37,7 @@ pub(crate) struct SafeOp {
 /// Bytes by area, in the order of the description.
 type Lengths = [u32; MAX_AREAS];
 
-/// INIT to PREOP: the mailbox SyncManagers must be set as the device has its mailbox.
+/// Checks INIT to PREOP: the mailbox SyncManagers must have the device's settings.
 pub(crate) fn mailbox(pdi: &mut impl Pdi, mailbox: Option<&Mailbox>) -> Result<(), AlStatusCode> {
     let Some(mailbox) = mailbox else { return Ok(()) };
     let right = is_mailbox(pdi, 0, mailbox.receive, SyncManager::CONTROL_ECAT_WRITES)
@@ -45,7 +45,7 @@ pub(crate) fn mailbox(pdi: &mut impl Pdi, mailbox: Option<&Mailbox>) -> Result<(
     if right { Ok(()) } else { Err(AlStatusCode::INVALID_MAILBOX) }
 }
 
-/// PREOP to SAFEOP.
+/// Checks PREOP to SAFEOP.
 pub(crate) fn safe_op<S: AsRef<[u8]> + AsMut<[u8]>>(
     pdi: &mut impl Pdi,
     dictionary: &Dictionary<S>,
@@ -76,8 +76,8 @@ pub(crate) fn safe_op<S: AsRef<[u8]> + AsMut<[u8]>>(
     Ok(SafeOp { outputs, inputs, watchdog, sync })
 }
 
-/// The buffers of the process data, if their SyncManagers are set for so many bytes each. Asked for at PREOP to SAFEOP,
-/// and again whenever a SyncManager is switched in SAFEOP or OP.
+/// The buffers of the process data, if their SyncManagers have these lengths. Called at PREOP to
+/// SAFEOP, and again whenever a SyncManager is switched in SAFEOP or OP.
 pub(crate) fn process_data(
     pdi: &mut impl Pdi,
     description: &Description,
@@ -91,8 +91,8 @@ pub(crate) fn process_data(
         .ok_or(AlStatusCode::INVALID_OUTPUT_CONFIGURATION)?;
     let inputs = buffers(pdi, description.input_areas(), input_lengths, 0, ram_end)
         .ok_or(AlStatusCode::INVALID_INPUT_CONFIGURATION)?;
-    // Without outputs the read of the inputs is the event that the device lives by. Of several SyncManagers it is
-    // that of the first one.
+    // Without outputs the read of the inputs is the event of the cycle. With several SyncManagers
+    // it is that of the first one.
     let silent = |sm: SyncManager| sm.control & SyncManager::CONTROL_AL_EVENT == 0;
     let (first_outputs, first_inputs) = (description.outputs, description.inputs);
     if outputs.is_used() && silent(process_data_manager(pdi, first_outputs)) {
@@ -106,7 +106,7 @@ pub(crate) fn process_data(
     Ok((outputs, inputs))
 }
 
-/// The areas of the process data neither touch a mailbox nor each other.
+/// Checks that the areas of the process data overlap neither a mailbox nor each other.
 fn no_overlap(pdi: &mut impl Pdi, description: &Description) -> Result<(), AlStatusCode> {
     let mut taken: [Range<u32>; 2 + 2 * MAX_AREAS] = core::array::from_fn(|_| 0..0);
     let mailboxes = description.mailbox.iter().flat_map(|mailbox| [mailbox.receive, mailbox.send]);
@@ -130,7 +130,7 @@ fn no_overlap(pdi: &mut impl Pdi, description: &Description) -> Result<(), AlSta
     Ok(())
 }
 
-/// The memory that a SyncManager takes, with all of its buffers. A single byte has one.
+/// The memory of a SyncManager, with all of its buffers. A single byte has one buffer.
 fn memory(sm: &SyncManager) -> Range<u32> {
     let length = effective_length(sm);
     let buffers = if sm.is_mailbox() || length == 1 { 1 } else { 3 };
@@ -138,8 +138,9 @@ fn memory(sm: &SyncManager) -> Range<u32> {
     start..start + buffers * length
 }
 
-/// Bytes of outputs and inputs by the PDO assignment of each SyncManager. A device without assignment objects takes what
-/// the SyncManager is set to; without a mailbox nothing could have chosen it, and it has one length only.
+/// Bytes of outputs and inputs by the PDO assignment of each SyncManager. A device without
+/// assignment objects takes the length of the SyncManager. Without a mailbox no assignment can be
+/// written, so it has only one length.
 fn mapped_lengths<S: AsRef<[u8]> + AsMut<[u8]>>(
     pdi: &mut impl Pdi,
     dictionary: &Dictionary<S>,
@@ -174,7 +175,8 @@ fn process_data_manager(pdi: &mut impl Pdi, area: ProcessDataArea) -> SyncManage
     pdi.load(register::sync_manager(usize::from(area.sync_manager)))
 }
 
-/// The buffers of one direction, if all of its SyncManagers are set as the device needs them.
+/// The buffers of one direction, if all of its SyncManagers have the settings that the device
+/// needs.
 fn buffers(
     pdi: &mut impl Pdi,
     areas: impl Iterator<Item = ProcessDataArea>,
@@ -182,7 +184,7 @@ fn buffers(
     direction: u8,
     ram_end: u32,
 ) -> Option<Buffers> {
-    // Each has its own limit, and the image has one for all.
+    // Each buffer has a separate limit, and the image has one for all.
     if lengths.iter().sum::<u32>() > MAX_PROCESS_DATA as u32 {
         return None;
     }
@@ -194,7 +196,7 @@ fn buffers(
     Some(found)
 }
 
-/// The buffer of a process data SyncManager if it is set as the device needs it.
+/// The buffer of a process data SyncManager, if it has the settings that the device needs.
 fn buffer(
     sm: &SyncManager,
     area: ProcessDataArea,
@@ -215,7 +217,7 @@ fn buffer(
     (fits && right).then_some(Buffer { start: sm.start, length: sm.length })
 }
 
-/// Bytes that a SyncManager guards; none while it is off.
+/// Bytes that a SyncManager guards; zero while it is off.
 fn effective_length(sm: &SyncManager) -> u32 {
     if sm.is_enabled() { u32::from(sm.length) } else { 0 }
 }
@@ -233,7 +235,8 @@ fn is_mailbox(pdi: &mut impl Pdi, number: usize, area: MailboxArea, direction: u
         && (sm.start, sm.length) == (area.start, area.length)
 }
 
-/// The synchronization: what the SYNC unit is set to, what the MainDevice chose, what the device can.
+/// Determines the synchronization from the SYNC unit, the MainDevice's choice, and the device's
+/// capabilities.
 pub(crate) fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     pdi: &mut impl Pdi,
     dictionary: &Dictionary<S>,
@@ -250,7 +253,8 @@ pub(crate) fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     let maximum = description.behaviour.maximum_cycle_time;
     let granularity = description.behaviour.cycle_granularity;
 
-    // Who can't say what it supports is not refused for it: the pulses of a simple device go nowhere.
+    // A device that cannot announce its types is not refused for it: the pulses of a simple device
+    // have no effect.
     let listens = description.mailbox.is_some() || supported.dc_sync0();
     let unit_on = listens
         && (activation.active() || activation.0 & isocat_wire::dc::SyncActivation::AUTO != 0);
@@ -260,10 +264,11 @@ pub(crate) fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     let subordinated = sync1 && sync1_cycle > Nanos::ZERO && sync1_cycle >= sync0_cycle;
     if unit_on && !stamps_only {
         if !sync0 {
-            // Nothing enabled, or SYNC1 without the SYNC0 that it follows.
+            // No pulse is enabled, or SYNC1 without the SYNC0 that it follows.
             return Err(AlStatusCode::INVALID_DC_SYNC_CONFIGURATION);
         }
-        // SYNC1 takes the SYNC0 that it follows with it: terminals announce bit 3 alone and run by both.
+        // Announced SYNC1 includes the SYNC0 that it follows: terminals announce only bit 3 and use
+        // both.
         let by_sync1 = sync1 && supported.dc_sync1();
         if sync1 != by_sync1 || !supported.dc_sync0() && !by_sync1 {
             return Err(AlStatusCode::INVALID_DC_SYNC_CONFIGURATION);
@@ -313,7 +318,7 @@ pub(crate) fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
 
     let cycle = if mode.uses_dc() {
         if sync0_cycle == Nanos::ZERO {
-            // A single shot starts no cycle.
+            // A single pulse starts no cycle.
             return Err(AlStatusCode::DC_SYNC0_CYCLE);
         }
         let fixed = description.behaviour.subordinated_sync0_cycle;
@@ -344,7 +349,8 @@ pub(crate) fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     Ok(Setup { chain, cycle, sync1, has_inputs, acknowledge_sync })
 }
 
-/// The types of both objects if the MainDevice wrote at least one; the other follows it.
+/// The types of both objects if the MainDevice wrote at least one of them; the other one follows
+/// it.
 fn chosen_types<S: AsRef<[u8]> + AsMut<[u8]>>(
     dictionary: &Dictionary<S>,
     chosen: Chosen,
@@ -359,7 +365,7 @@ fn chosen_types<S: AsRef<[u8]> + AsMut<[u8]>>(
         SyncType::SM | SyncType::INPUTS_ON_SM2 => Some(SyncMode::SmSynchronous),
         SyncType::DC_SYNC0 => Some(SyncMode::DcSync0),
         SyncType::DC_SYNC1 if subordinated => Some(SyncMode::DcSubordinated),
-        // Inputs alone at SYNC1 leave the outputs to SYNC0.
+        // If only the inputs are set to SYNC1, outputs act at SYNC0.
         SyncType::DC_SYNC1 if chosen.output_type => Some(SyncMode::DcSync1),
         SyncType::DC_SYNC1 => Some(SyncMode::DcShiftSync1),
         _ => None,
@@ -373,9 +379,9 @@ fn chosen_types<S: AsRef<[u8]> + AsMut<[u8]>>(
     }
 }
 
-/// What both directions that are transmitted can do. Of a direction that states nothing the description
-/// tells, which by default refuses nothing. A device that announces 0 states nothing either: taken at its
-/// word it could never leave PREOP.
+/// The types that both transmitted directions support. For a direction without a statement the
+/// description decides, and by default supports all types. A device that announces 0 makes no
+/// statement either: taken literally it could never leave PREOP.
 pub(crate) fn supported_types<S: AsRef<[u8]> + AsMut<[u8]>>(
     dictionary: &Dictionary<S>,
     has_outputs: bool,

@@ -1,7 +1,8 @@
-//! The parts of a [`Description`](crate::Description) by hand, as constants: what a firmware keeps in its flash.
+//! Helpers to write the parts of a [`Description`](crate::Description) as constants, which a
+//! firmware keeps in its flash.
 //!
-//! Each function gives the entries of one object. Their values lie one behind the other in the stack's value store, from the byte on
-//! at which those of the object before them [`end`].
+//! Each function returns the entries of one object. Their values follow each other in the stack's
+//! value store, from the byte at which the values of the previous object [`end`].
 //!
 //! ```
 //! use isocat_subdevice::describe::{end, mapping, object, value};
@@ -24,11 +25,11 @@ use isocat_wire::coe::info::{Access, ObjectCode};
 
 use crate::description::{Entry, Object};
 
-/// Read in every state.
+/// Readable in every state.
 pub const RO: Access = Access::READ;
-/// Read and written in every state.
+/// Readable and writable in every state.
 pub const RW: Access = RO.with(Access::WRITE);
-/// Read in every state, written in PREOP only.
+/// Readable in every state, writable in PREOP only.
 pub const RW_PREOP: Access = RO.with(Access::WRITE_PREOP);
 
 /// An object of the dictionary. The objects of a description ascend by `index`.
@@ -42,11 +43,12 @@ pub const fn object(
     Object { index, name, code, data_type, entries }
 }
 
-/// An entry whose type fixes its length. `complete_access_offset` is in bits, see [`Entry`]; `default` is empty for zeros.
+/// An entry whose length follows from its type. `complete_access_offset` is in bits, see [`Entry`];
+/// `default` is empty for zeros.
 ///
 /// # Panics
 ///
-/// If the type has no fixed length: when the constant is compiled.
+/// If the type has no fixed length; this happens when the constant is compiled.
 pub const fn entry(
     sub: u8,
     name: &'static str,
@@ -59,7 +61,7 @@ pub const fn entry(
     Entry { sub, name, data_type, bits, complete_access_offset, access, store: 0, default }
 }
 
-/// The entries with their values one behind the other from the byte `store` of the value store on.
+/// The entries, with their values one after the other from byte `store` of the value store on.
 pub const fn placed<const N: usize>(store: u16, mut entries: [Entry; N]) -> [Entry; N] {
     let (mut at, mut number) = (store, 0);
     while number < N {
@@ -70,13 +72,13 @@ pub const fn placed<const N: usize>(store: u16, mut entries: [Entry; N]) -> [Ent
     entries
 }
 
-/// The first byte of the value store behind the values of these entries.
+/// The first byte of the value store after the values of these entries.
 pub const fn end(entries: &[Entry]) -> u16 {
     let last = &entries[entries.len() - 1];
     last.store + last.len() as u16
 }
 
-/// The one entry of a VAR.
+/// The only entry of a VAR.
 pub const fn value(
     store: u16,
     name: &'static str,
@@ -87,7 +89,7 @@ pub const fn value(
     placed(store, [entry(0, name, data_type, 0, access, default)])
 }
 
-/// 0x1018, Identity: what the SII says, too.
+/// 0x1018, Identity; the SII contains the same values.
 pub const fn identity(
     store: u16,
     vendor: &'static [u8; 4],
@@ -117,7 +119,8 @@ pub const fn sync_manager_types(store: u16) -> [Entry; 5] {
     placed(store, entries)
 }
 
-/// A PDO (0x1600 and following, 0x1A00 and following) with one entry: index, sub-index and bits as CoE codes them.
+/// A PDO (0x1600 and following, 0x1A00 and following) with one entry: index, sub-index and bits in
+/// the CoE coding.
 pub const fn mapping(store: u16, mapped: &'static [u8; 4]) -> [Entry; 2] {
     let entries = [
         entry(0, "Entries", DataType::UNSIGNED8, 0, RO, &[1]),
@@ -135,16 +138,18 @@ pub const fn assignment(store: u16, pdo: &'static [u8; 2]) -> [Entry; 2] {
     placed(store, entries)
 }
 
-/// What a device states of its synchronization in 0x1C32 and 0x1C33, as the bytes of the entries.
+/// The statements of a device about its synchronization in 0x1C32 and 0x1C33, as the bytes of the
+/// entries.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SyncStatement {
     /// Sub-index 04, the bits of [`SupportedTypes`](isocat_sync::SupportedTypes).
     pub supported: &'static [u8; 2],
     /// Sub-index 05, shortest cycle, ns.
     pub minimum_cycle: &'static [u8; 4],
-    /// Sub-index 06, from the SyncManager's event until outputs are ready (0x1C33: from Input Latch until inputs are), ns.
+    /// Sub-index 06, time from the SyncManager's event until outputs are ready (0x1C33: from Input
+    /// Latch until inputs are), ns.
     pub calc_and_copy: &'static [u8; 4],
-    /// Sub-index 09, from the pulse to valid outputs (0x1C33: to Input Latch), ns.
+    /// Sub-index 09, time from the pulse to valid outputs (0x1C33: to Input Latch), ns.
     pub delay: &'static [u8; 4],
 }
 

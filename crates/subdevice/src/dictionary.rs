@@ -6,13 +6,13 @@ use crate::description::{Description, Entry, LIST_HEAD, Object, Parameter};
 use crate::misbehaviour::Misbehaviours;
 use crate::process_data::Images;
 
-/// The dictionary: what the description says, and the store with the present values.
+/// The dictionary: the description, and the store with the present values.
 pub(crate) struct Dictionary<S> {
     description: Description,
     store: S,
-    /// Where the values of parameters begin in the store.
+    /// First byte of the values of parameters in the store.
     parameters: usize,
-    /// Where the images of the process data begin in it: outputs, then inputs.
+    /// First byte of the images of the process data in the store: outputs, then inputs.
     images: usize,
     /// Bytes of the image of the outputs.
     outputs: usize,
@@ -78,7 +78,7 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
         images.inputs.fill(0);
     }
 
-    /// What the device does wrong.
+    /// The misbehaviours of the device.
     pub fn misbehaviour_mut(&mut self) -> &mut Misbehaviours {
         &mut self.description.behaviour.misbehaviour
     }
@@ -101,13 +101,13 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
         &self.store.as_ref()[self.images..][..self.outputs]
     }
 
-    /// All bytes that a parameter can have.
+    /// All bytes of a parameter.
     pub fn parameter_mut(&mut self, parameter: &Parameter) -> &mut [u8] {
         let start = self.parameters + usize::from(parameter.store);
         &mut self.store.as_mut()[start..start + usize::from(parameter.len)]
     }
 
-    /// The bytes that a parameter has; of a list, as many as are in use.
+    /// The bytes of a parameter; of a list, only those in use.
     pub fn parameter(&self, parameter: &Parameter) -> &[u8] {
         let start = self.parameters + usize::from(parameter.store);
         let bytes = &self.store.as_ref()[start..start + usize::from(parameter.len)];
@@ -120,7 +120,7 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
         }
     }
 
-    /// Sets a number, if the device has the entry; bytes that the entry lacks are dropped.
+    /// Sets a number, if the device has the entry; excess bytes are dropped.
     pub fn set(&mut self, index: u16, sub: u8, value: u32) {
         if let Some(entry) = self.value_entry(index, sub) {
             let bytes = value.to_le_bytes();
@@ -151,7 +151,7 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
         self.description.object(index)
     }
 
-    /// What is fixed about the device.
+    /// The fixed properties of the device.
     pub fn description(&self) -> &Description {
         &self.description
     }

@@ -6,24 +6,24 @@ use crate::application::Application;
 
 /// A drive that follows its target position.
 ///
-/// Process data, fixed: outputs 0x6040 control word (16 bits), 0x607A target position (32), 0x6060 mode
-/// of operation (8); inputs 0x6041 status word (16), 0x6064 position actual value (32), 0x6061 mode
-/// of operation display (8). Shorter images leave out what is at the end. A mode of 0 in the process data
-/// leaves the mode as it is.
+/// Its process data are fixed: outputs 0x6040 control word (16 bits), 0x607A target position (32),
+/// 0x6060 mode of operation (8); inputs 0x6041 status word (16), 0x6064 position actual value (32),
+/// 0x6061 mode of operation display (8). Shorter images leave out the last ones. A mode of 0 in the
+/// process data does not change the mode.
 ///
-/// Outputs act at [`Application::outputs_valid`]: from one to the next the axis moves evenly from
-/// the old target to the new one, so that it has reached a target when the next becomes valid.
+/// Outputs act at [`Application::outputs_valid`]. From one action to the next the axis moves evenly
+/// from the old target to the new one, so that it has reached a target when the next becomes valid.
 /// Positions are in the unit of 0x607A and wrap.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Drive {
     power: PowerState,
     mode: i8,
     mapped: Command,
-    /// Bit 7 of the control word that acted last: a fault is reset by its rising edge.
+    /// Bit 7 of the last control word that acted: its rising edge resets a fault.
     fault_reset: bool,
-    /// Where the axis is when the motion under way ends.
+    /// End position of the present motion.
     target: i32,
-    /// Where the motion under way began: what the encoder says until the next outputs act.
+    /// Start position of the present motion, which the encoder shows until the next outputs act.
     position: i32,
     latched: Feedback,
 }
@@ -31,15 +31,15 @@ pub struct Drive {
 /// A state of the CiA 402 state machine.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum PowerState {
-    /// No torque, waits for Shutdown.
+    /// Without torque, waits for Shutdown.
     SwitchOnDisabled,
-    /// No torque, waits for Switch On.
+    /// Without torque, waits for Switch On.
     ReadyToSwitchOn,
-    /// Power on, no torque.
+    /// With power, without torque.
     SwitchedOn,
     /// Follows the target.
     OperationEnabled,
-    /// Stopped by a quick stop, holds.
+    /// Stopped by a quick stop, holds its position.
     QuickStopActive,
     /// A fault waits for its reset.
     Fault,
@@ -80,7 +80,7 @@ impl Drive {
         }
     }
 
-    /// Something broke: no torque until the fault is reset.
+    /// Enters the fault state: there is no torque until the fault is reset.
     pub fn fail(&mut self) {
         self.power = PowerState::Fault;
         self.target = self.position;
@@ -91,12 +91,12 @@ impl Drive {
         self.power
     }
 
-    /// Where the axis was when its outputs acted last.
+    /// Position of the axis when its outputs last acted.
     pub const fn position(&self) -> i32 {
         self.position
     }
 
-    /// The position that the axis is on its way to.
+    /// Target position of the present motion.
     pub const fn target(&self) -> i32 {
         self.target
     }
@@ -117,7 +117,7 @@ impl Default for Drive {
 
 impl Application for Drive {
     fn power_off(&mut self) {
-        // The axis stays where it is, and its encoder is an absolute one.
+        // The axis does not move, and its encoder is absolute.
         *self = Self::new(self.position);
     }
 
@@ -134,7 +134,7 @@ impl Application for Drive {
     }
 
     fn outputs_valid(&mut self) {
-        // The motion that the last outputs began has ended.
+        // The motion that the last outputs started has ended.
         self.position = self.target;
         let control = self.mapped.control;
         let reset = control & FAULT_RESET != 0;
@@ -218,7 +218,7 @@ impl Application for Drive {
 }
 
 impl PowerState {
-    /// The bits of the status word that show it.
+    /// The bits of the status word for it.
     pub const fn status(self) -> u16 {
         match self {
             Self::SwitchOnDisabled => 0x0040,
@@ -230,8 +230,8 @@ impl PowerState {
         }
     }
 
-    /// The state that a control word leads to. One step at a time, except that Enable Operation passes
-    /// Switched On.
+    /// The state after a control word. It changes one step at a time, except that Enable Operation
+    /// skips Switched On.
     fn after(self, control: u16, fault_reset: bool) -> Self {
         use PowerState::*;
         if self == Fault {
@@ -266,13 +266,13 @@ const TARGET_POSITION: u16 = 0x607A;
 const SWITCH_ON: u16 = 1 << 0;
 /// Control word bit 1.
 const ENABLE_VOLTAGE: u16 = 1 << 1;
-/// Control word bit 2: no quick stop.
+/// Control word bit 2; 0 is a quick stop.
 const QUICK_STOP: u16 = 1 << 2;
 /// Control word bit 3.
 const ENABLE_OPERATION: u16 = 1 << 3;
 /// Control word bit 7.
 const FAULT_RESET: u16 = 1 << 7;
-/// Status word bit 9: the drive takes the control word.
+/// Status word bit 9: the drive accepts the control word.
 const REMOTE: u16 = 1 << 9;
 /// Status word bit 12: the drive follows the target.
 const FOLLOWS: u16 = 1 << 12;

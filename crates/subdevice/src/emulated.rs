@@ -1,6 +1,6 @@
-//! A device without a program. The ESC answers AL control by itself (device emulation), and digital I/O hangs on its
-//! memory. The stack then stands for that circuit: it follows AL status, drives outputs and takes inputs, and there
-//! is nothing in it that could check or refuse a configuration.
+//! A device without a program. The ESC answers AL control itself (device emulation), and digital
+//! I/O is connected to its memory. The stack represents that circuit: it follows AL status, drives
+//! outputs and latches inputs, and it cannot check or refuse a configuration.
 
 use isocat_esc::{Pdi, PdiExt};
 use isocat_sync::{Chain, SyncMode};
@@ -21,7 +21,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.description().behaviour.device_emulation
     }
 
-    /// Looks what AL status says, and whether the watchdog has expired.
+    /// Follows AL status, and checks whether the watchdog has expired.
     pub(crate) fn follow(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
         if pdi.events() & al_event::WATCHDOG != 0 {
             // Reading the status releases the event.
@@ -50,7 +50,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
-    /// Outputs and inputs lie where the circuit has its wires, whatever the SyncManagers are set to.
+    /// Starts the exchange. Outputs and inputs are at the circuit's wired addresses, independent of
+    /// the SyncManagers.
     fn begin_exchange(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
         let outputs = wired(self.description().output_areas());
         let inputs = wired(self.description().input_areas());
@@ -60,7 +61,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.first_exchange(pdi);
     }
 
-    /// SYNC0 moves the outputs if its pulses run and the circuit is made so; else each exchange does.
+    /// The circuit's synchronization: SYNC0 moves the outputs if its pulses run and the circuit
+    /// uses them; otherwise each exchange does.
     fn wired_to(&self, has_outputs: bool, has_inputs: bool, pdi: &mut impl Pdi) -> Setup {
         let by_pulses = checks::sync(pdi, &self.dictionary, self.chosen, has_outputs, has_inputs);
         by_pulses.ok().filter(|setup| setup.chain.mode.uses_dc()).unwrap_or(Setup {

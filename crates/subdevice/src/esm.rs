@@ -12,38 +12,39 @@ use crate::description::ProcessDataArea;
 use crate::misbehaviour::{self, Faults, Misbehaviour};
 use crate::stack::SubDevice;
 
-/// State, error and the transition under way.
+/// State, error and the present transition.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Esm {
     /// Present state.
     pub state: AlState,
-    /// Why the error indication is set; `None` while it is not.
+    /// The code of the error indication; `None` while there is no error.
     pub error: Option<AlStatusCode>,
-    /// OP was asked for and is not reached yet.
+    /// OP was requested and is not reached yet.
     pub pending: Option<Pending>,
-    /// A SyncManager of outputs starts the process data watchdog.
+    /// Whether a SyncManager of outputs triggers the process data watchdog.
     pub watchdog: bool,
-    /// The identification value stands in the status code register.
+    /// Whether the identification value is in the status code register.
     identification: bool,
-    /// The process data SyncManagers whose event it lives by are closed until the error is acknowledged.
+    /// Whether the SyncManagers of the device's cyclic event are closed until the error is
+    /// acknowledged.
     closed: bool,
-    /// The SyncManagers of inputs are being opened again: their buffers are empty.
+    /// Whether the SyncManagers of inputs are being opened again: their buffers are empty.
     reopening: bool,
-    /// SAFEOP is granted as soon as the ESC has opened the process data SyncManagers.
+    /// SAFEOP is entered as soon as the ESC has opened the process data SyncManagers.
     opening: Option<checks::SafeOp>,
 }
 
-/// SAFEOP to OP waits for outputs, or for DC.
+/// SAFEOP to OP, which waits for outputs or for DC.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Pending {
-    /// When it is given up.
+    /// When the transition is given up.
     pub deadline: Time<Device>,
-    /// Since when SYNC runs and the order of events is right.
+    /// Since when SYNC has run with the right order of events.
     pub valid_since: Option<Time<Device>>,
 }
 
 impl Esm {
-    /// After power-on.
+    /// The state after power-on.
     pub const fn new() -> Self {
         Self {
             state: AlState::Init,
@@ -62,18 +63,18 @@ impl Esm {
         self.opening.is_some() || self.reopening
     }
 
-    /// Whether process data is exchanged.
+    /// Whether process data are exchanged.
     pub fn is_cyclic(&self) -> bool {
         matches!(self.state, AlState::SafeOp | AlState::Op)
     }
 }
 
 impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
-    /// AL control was written.
+    /// Handles a write of AL control.
     pub(crate) fn request(&mut self, now: Time<Device>, control: AlControl, pdi: &mut impl Pdi) {
         let asked = control.state();
         if self.esm.error.is_some() {
-            // INIT is the way out even for a MainDevice that does not acknowledge.
+            // INIT is possible even for a MainDevice that does not acknowledge.
             let faults = self.faults();
             let forgets = faults.contains(&Misbehaviour::ForgetsError);
             let keeps = self.esm.error.is_some_and(|error| {
@@ -98,7 +99,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.publish(pdi);
     }
 
-    /// The activation of some SyncManager was written.
+    /// Handles a write of the activation of some SyncManager.
     pub(crate) fn sync_managers_changed(&mut self, pdi: &mut impl Pdi) {
         // Reading the activation registers of all SyncManagers releases the event.
         let mut all = [0; 16 * 8];
@@ -118,7 +119,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
-    /// The process data watchdog expired.
+    /// Handles the expired process data watchdog.
     pub(crate) fn watchdog_expired(&mut self, pdi: &mut impl Pdi) {
         // Reading the status releases the event.
         let _status = pdi.load(register::WATCHDOG_STATUS);
@@ -127,7 +128,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
-    /// Watches the time: OP that is asked for, SYNC0 in OP.
+    /// Supervises times: the requested OP, and SYNC0 in OP.
     #[inline]
     pub(crate) fn supervise(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
         let sync_lost = self.sync.sync_deadline().is_some_and(|deadline| now >= deadline);
@@ -140,7 +141,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
-    /// SYNC is lost, or OP is waited for.
+    /// Reacts to lost SYNC, and to the requested OP.
     fn judge_sync(&mut self, now: Time<Device>, sync_lost: bool, pdi: &mut impl Pdi) {
         let codes = self.description().behaviour.loss_codes;
         if self.esm.state == AlState::Op {
@@ -180,7 +181,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
-    /// When [`Self::supervise`] has something to find without an event.
+    /// When [`Self::supervise`] must be called without an event.
     #[inline]
     pub(crate) fn supervision_due(&self) -> Option<Time<Device>> {
         if self.is_emulated() {
@@ -193,19 +194,20 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         let Some(pending) = self.esm.pending else { return sync_lost };
         let settled =
             pending.valid_since.map(|since| since + self.description().behaviour.sync_settling);
-        // A SYNC0 that stays away matters once: it breaks what was valid.
+        // A missing SYNC0 matters only once: it ends the valid time.
         let broken = sync_lost.filter(|_| settled.is_some());
         [settled, broken].into_iter().flatten().chain([pending.deadline]).min()
     }
 
-    /// The ESC opens a SyncManager at the end of the frame that is passing: only then can inputs be put
-    /// into it, and SAFEOP be entered.
+    /// Continues the opening of SyncManagers. The ESC opens them at the end of the present frame;
+    /// inputs can be written, and SAFEOP entered, only after that.
     pub(crate) fn continue_opening(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
         let mut inputs = self.description().input_areas();
         if self.esm.reopening && inputs.all(|area| is_open(pdi, area.sync_manager.into())) {
             self.esm.reopening = false;
             if self.esm.is_cyclic() {
-                // Nothing else would fill it where the inputs follow the frames that fetch them.
+                // If the inputs follow the frames that fetch them, no other step would fill the
+                // buffer.
                 self.first_exchange(pdi);
             }
         }
@@ -269,7 +271,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.try_enter_safe_op(now, pdi);
     }
 
-    /// Whether the device accepts what it must refuse with this code.
+    /// Whether the device accepts a set-up that must be refused with this code.
     fn accepts(&self, code: AlStatusCode, pdi: &mut impl Pdi) -> bool {
         let faults = self.faults();
         !faults.is_empty()
@@ -280,7 +282,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.faults().contains(&Misbehaviour::RefusedState(state))
     }
 
-    /// What the device does wrong.
+    /// The misbehaviours of the device.
     fn faults(&self) -> &Faults {
         self.description().behaviour.faults()
     }
@@ -302,7 +304,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
                 self.dictionary.set(index, sub::CYCLE_TIME, cycle);
                 self.dictionary.set(index, sub::SYNC0_CYCLE_TIME, cycle);
             } else if self.sync.mode().uses_dc() {
-                // What the last run with DC left behind no longer holds.
+                // Values that the last run with DC left are no longer valid.
                 if !self.chosen.cycle {
                     self.dictionary.set(index, sub::CYCLE_TIME, 0);
                 }
@@ -323,7 +325,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         true
     }
 
-    /// Goes down to `asked`, or stays.
+    /// Goes down to `asked`, or stays in the state.
     fn leave_to(&mut self, asked: AlState, pdi: &mut impl Pdi) {
         self.esm.pending = None;
         self.esm.opening = None;
@@ -349,7 +351,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.esm.state = asked;
     }
 
-    /// A request can't be granted. From OP the device falls to SAFEOP, else it stays.
+    /// Refuses a request. From OP the device goes to SAFEOP, otherwise it stays in its state.
     fn refuse(&mut self, code: AlStatusCode, pdi: &mut impl Pdi) {
         let code = misbehaviour::al_code(self.faults(), self.esm.state, code);
         let state = if self.esm.state == AlState::Op { AlState::SafeOp } else { self.esm.state };
@@ -357,7 +359,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.esm.error = Some(code);
     }
 
-    /// The device leaves its state by itself.
+    /// Lets the device leave its state by itself.
     pub(crate) fn fall(&mut self, state: AlState, code: AlStatusCode, pdi: &mut impl Pdi) {
         let code = misbehaviour::al_code(self.faults(), self.esm.state, code);
         self.leave_to(state, pdi);
@@ -369,14 +371,14 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.publish(pdi);
     }
 
-    /// The device shows an error in the state that it is in.
+    /// Shows an error in the present state.
     pub(crate) fn show_error(&mut self, code: AlStatusCode, pdi: &mut impl Pdi) {
         self.refuse(code, pdi);
         self.publish(pdi);
     }
 
-    /// Closes or opens all SyncManagers of the direction whose event the device lives by: one that stayed open
-    /// would keep the working counter whole.
+    /// Closes or opens all SyncManagers of the direction of the cyclic event: with an open one the
+    /// working counter would stay complete.
     fn set_event_managers_closed(&self, closed: bool, pdi: &mut impl Pdi) {
         let description = self.description();
         if self.sync.has_outputs() {
@@ -391,7 +393,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         set_closed(pdi, self.description().input_areas(), closed);
     }
 
-    /// Shows state and error. The code comes first, so that nobody sees the error with an old code.
+    /// Writes state and error. The code is written first, so that the error is never visible with
+    /// an old code.
     fn publish(&mut self, pdi: &mut impl Pdi) {
         let identification = self.esm.identification && self.esm.error.is_none();
         let code = if identification {
@@ -407,7 +410,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 }
 
-/// Closes or opens SyncManagers of process data from this side. The repeat bit stays.
+/// Closes or opens SyncManagers of process data from the PDI side. The repeat bit is kept.
 fn set_closed(pdi: &mut impl Pdi, areas: impl Iterator<Item = ProcessDataArea>, closed: bool) {
     for area in areas {
         let control = register::sm_pdi_control(area.sync_manager.into());

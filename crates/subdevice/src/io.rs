@@ -1,28 +1,28 @@
-//! An I/O application: what is put out comes back as input.
+//! An I/O application: it returns its outputs as inputs.
 
 use crate::application::Application;
 
 /// Up to 256 bytes of outputs wired to inputs.
 pub type Io = IoOf<256>;
 
-/// Up to `BYTES` bytes of outputs wired to inputs, as far as the lengths allow; further inputs are 0.
+/// Up to `BYTES` bytes of outputs wired to inputs, up to the shorter length; further inputs are 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct IoOf<const BYTES: usize> {
     mapped: [u8; BYTES],
     outputs: [u8; BYTES],
     inputs: [u8; BYTES],
-    /// Most bytes that ever came: the rest is 0 everywhere.
+    /// Most bytes that ever arrived: the rest is 0 everywhere.
     used: usize,
 }
 
 impl<const BYTES: usize> IoOf<BYTES> {
-    /// All outputs 0.
+    /// An application with all outputs 0.
     pub const fn new() -> Self {
         let zeros = [0; BYTES];
         Self { mapped: zeros, outputs: zeros, inputs: zeros, used: 0 }
     }
 
-    /// The bytes that stand at the output terminals.
+    /// The bytes at the output terminals.
     pub fn outputs(&self) -> &[u8; BYTES] {
         &self.outputs
     }

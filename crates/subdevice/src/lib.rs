@@ -1,21 +1,21 @@
-//! EtherCAT SubDevice stack: everything behind the ESC's door to the local CPU.
+//! EtherCAT SubDevice stack: everything on the local CPU behind the ESC's PDI.
 //!
 //! The way of an event, from the ESC to the process:
 //!
 //! 1. [`SubDevice`] is called by the main loop and by interrupts, over [`isocat_esc::Pdi`];
 //! 2. its state machine answers AL control, after checking what the MainDevice has set up;
-//! 3. its mailbox takes requests from SM0 and hands them to the server of their protocol: CoE reads and writes the
-//!    dictionary, SoE the parameters of drives. What a device has is a [`Description`] ([`describe`] helps to write one), its values live in a store of the
-//!    caller;
-//! 4. its [`SyncEngine`] turns SM2, SYNC0, SYNC1 and the local timer into [`Steps`]: which pieces of the cycle
-//!    start, when, and what is counted when one comes too late;
-//! 5. each step does its effect at its own instant: process data between the ESC's buffers and the
-//!    [`Application`], outputs valid, inputs latched.
+//! 3. its mailbox takes requests from SM0 and passes them to the server of their protocol: CoE
+//!    reads and writes the dictionary, SoE the parameters of drives. A [`Description`] defines the
+//!    device ([`describe`] helps to write one), and the values are in a store of the caller;
+//! 4. its [`SyncEngine`] converts SM2, SYNC0, SYNC1 and the local timer into [`Steps`]: the parts
+//!    of the cycle that start, their times, and the counters of late ones;
+//! 5. each step has its effect at its own instant: process data move between the ESC's buffers and
+//!    the [`Application`], outputs become valid, inputs are latched.
 //!
 //! [`Drive`] and [`Io`] are two applications to start from.
 //!
-//! No allocation, no clock, no frames: `now` and the ESC come in with every call. Times are those of the
-//! device's own oscillator, `Time<Device>`.
+//! The stack uses no allocation, no clock and no frames: `now` and the ESC are arguments of every
+//! call. Times are those of the device's oscillator, `Time<Device>`.
 #![no_std]
 #![forbid(unsafe_code)]
 

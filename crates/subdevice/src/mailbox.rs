@@ -1,4 +1,5 @@
-//! The mailbox of the SubDevice: SM0 in, SM1 out, counters, errors, repetition.
+//! The mailbox of the SubDevice: SM0 for requests, SM1 for answers, with counters, errors and
+//! repetition.
 
 use isocat_esc::{Pdi, PdiExt};
 use isocat_wire::mailbox::{ErrorDetail, HEADER_LEN, Header, Protocol, next_counter};
@@ -11,35 +12,35 @@ use crate::description;
 use crate::objects::Objects;
 use crate::services::Services;
 
-/// Most bytes of a mailbox, header included. The stack keeps two messages of this size: the last one
-/// may be asked for again, even when the next already waits.
+/// Most bytes of a mailbox, including the header. The stack keeps two messages of this size: the
+/// MainDevice may request the last one again even when the next one already waits.
 pub const MAX_MAILBOX: usize = 1024;
-/// Least bytes of a mailbox: header, CoE header, an SDO with four bytes, and room for a segment.
+/// Least bytes of a mailbox: header, CoE header, an SDO with four bytes, and space for a segment.
 pub const MIN_MAILBOX: usize = 24;
 
 /// State of the two mailboxes.
 pub(crate) struct Mailbox {
     areas: Option<description::Mailbox>,
     running: bool,
-    /// Counter of the message received last; 0 before the first.
+    /// Counter of the last message received; 0 before the first.
     received: u8,
-    /// Counter of the message sent last; 0 before the first.
+    /// Counter of the last message sent; 0 before the first.
     sent: u8,
     /// The last two messages sent.
     messages: [Message; 2],
-    /// Which of them is the later one.
+    /// Index of the later one.
     latest: usize,
-    /// Which of them stands in SM1, or stood there last.
+    /// Index of the message that is in SM1, or was last in it.
     shown: usize,
-    /// Which of them the MainDevice read last; that one it may have lost.
+    /// Index of the message that the MainDevice read last, and may have lost.
     read: Option<usize>,
-    /// A message stands in SM1 and was not read yet.
+    /// Whether a message is in SM1 that was not read yet.
     occupied: bool,
-    /// The latest message had to make room for a repetition and is due again.
+    /// Whether the latest message was replaced by a repetition and must be sent again.
     again: bool,
-    /// SM1 holds an answer of the time before INIT, which nobody shall take for a new one.
+    /// Whether SM1 holds an answer from before INIT, which must not be taken for a new one.
     stale: bool,
-    /// SM1 is being emptied.
+    /// The state of emptying SM1, while it is being emptied.
     emptying: Option<Emptying>,
 }
 
@@ -51,7 +52,7 @@ struct Message {
 }
 
 impl Mailbox {
-    /// A mailbox that is off.
+    /// A mailbox that is switched off.
     pub fn new(areas: Option<description::Mailbox>) -> Self {
         for area in areas.iter().flat_map(|areas| [areas.receive, areas.send]) {
             assert!(
@@ -76,8 +77,8 @@ impl Mailbox {
         }
     }
 
-    /// PREOP is entered: counters start anew, the repeat bit is taken as it stands, and what still stands in
-    /// SM1 is dropped at the next look.
+    /// Starts at PREOP: counters start again, the present repeat bit is taken over, and an old
+    /// message in SM1 is dropped at the next call of [`Self::poll`].
     pub fn start(&mut self, pdi: &mut impl Pdi) {
         self.stop();
         self.running = self.areas.is_some();
@@ -88,7 +89,7 @@ impl Mailbox {
         }
     }
 
-    /// INIT is entered.
+    /// Stops at INIT.
     pub fn stop(&mut self) {
         self.running = false;
         self.received = 0;
@@ -115,7 +116,7 @@ impl Mailbox {
         self.stale || self.emptying.is_some()
     }
 
-    /// The MainDevice may have toggled the repeat bit: it lost the message that it read last.
+    /// Handles a toggled repeat bit: the MainDevice lost the message that it read last.
     pub fn check_repeat(&mut self, pdi: &mut impl Pdi) {
         if !self.running {
             return;
@@ -139,7 +140,8 @@ impl Mailbox {
         match self.read {
             Some(lost) if full && self.shown == lost => {}
             Some(lost) => {
-                // A newer message may stand there already: it gives way and comes again afterwards.
+                // A newer message may already be in SM1: the repetition replaces it, and it is sent
+                // again afterwards.
                 let occupied = full || self.is_repeating();
                 if occupied && !self.empty_send_mailbox(sm.pdi_control & SyncManager::REPEAT, pdi) {
                     return;
@@ -152,7 +154,7 @@ impl Mailbox {
         pdi.store(register::sm_pdi_control(SEND), asked);
     }
 
-    /// Takes and gives messages, as far as the SyncManagers allow.
+    /// Takes requests and gives answers, as far as the SyncManagers allow.
     pub fn poll<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
         &mut self,
         events: u32,
@@ -180,7 +182,7 @@ impl Mailbox {
             self.receive(request, services, objects, pdi);
         }
         if was_read && !self.occupied {
-            // Writing its first byte releases the event of the mailbox that was read.
+            // Writing its first byte acknowledges the event of the read mailbox.
             pdi.write(areas.send.start, &[0]);
         }
     }
@@ -198,7 +200,7 @@ impl Mailbox {
             return;
         }
         self.received = header.counter;
-        // An error message of the MainDevice wants no answer, least of all an error.
+        // An error message of the MainDevice needs no answer, in particular no error.
         if header.protocol == Protocol::ERROR {
             return;
         }
@@ -221,7 +223,7 @@ impl Mailbox {
         });
     }
 
-    /// Makes a message of what `fill` puts behind the mailbox header, and sends it.
+    /// Makes a message from the bytes that `fill` writes after the mailbox header, and sends it.
     fn reply(
         &mut self,
         protocol: Protocol,
@@ -252,7 +254,7 @@ impl Mailbox {
         self.put(next, pdi);
     }
 
-    /// Puts a message into SM1. What lies behind it is of no meaning; the last byte closes the
+    /// Writes a message into SM1. Bytes after the message have no meaning; the last byte closes the
     /// mailbox.
     fn put(&mut self, which: usize, pdi: &mut impl Pdi) {
         let Some(areas) = self.areas else { return };
@@ -265,15 +267,15 @@ impl Mailbox {
         self.shown = which;
     }
 
-    /// The MainDevice has read what stood in SM1.
+    /// Called when the MainDevice has read SM1.
     fn was_read(&mut self) {
         if core::mem::take(&mut self.occupied) {
             self.read = Some(self.shown);
         }
     }
 
-    /// Empties SM1 by switching it off and on. The ESC does each at the end of the frame that is passing;
-    /// `false` as long as it has not done both.
+    /// Empties SM1 by switching it off and on. The ESC does each at the end of the present frame;
+    /// returns `false` until it has done both.
     fn empty_send_mailbox(&mut self, repeat: u8, pdi: &mut impl Pdi) -> bool {
         let control = register::sm_pdi_control(SEND);
         let mut phase = self.emptying.take().unwrap_or(Emptying::SwitchingOff);
@@ -294,7 +296,7 @@ impl Mailbox {
     }
 }
 
-/// How far SM1 has come on its way to be emptied.
+/// The progress of emptying SM1.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Emptying {
     SwitchingOff,

@@ -1,27 +1,28 @@
-//! Times that the device measures itself: sub-indices 02, 03, 05, 06 and 09 on command of sub-index 08, and the
-//! distances of SM events and SYNC0, 0x1C32:0F to :12.
+//! Times that the device measures: sub-indices 02, 03, 05, 06 and 09 on command of sub-index 08,
+//! and the distances of SM events and SYNC0, 0x1C32:0F to :12.
 
 use isocat_sync::Step;
 use isocat_sync::object::{OUTPUT_PARAMETER, sub};
 use isocat_wire::time::{Device, Time};
 use isocat_wire::{Nanos, ObjectAddress};
 
-/// What was measured so far. All times in ns, and 0 before the first sample.
+/// The measured times. All in ns, and 0 before the first sample.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Measurement {
     on: bool,
-    /// Some measurement was begun since power-on.
+    /// Whether any measurement was started since power-on.
     begun: bool,
-    /// When the step under way began, by step; of the mapping of the outputs, the event that started it.
+    /// Start of the present step, by step; for the mapping of the outputs, the event that started
+    /// it.
     step_began: [Time<Device>; Step::ALL.len()],
-    /// The event to which Outputs Valid and Input Latch are related.
+    /// The event from which Outputs Valid and Input Latch are counted.
     trigger: Time<Device>,
     last_cycle: Option<Time<Device>>,
     /// Work of the present cycle so far.
     work: Nanos,
     shortest_cycle: Option<Nanos>,
     longest_work: Nanos,
-    /// Longest mapping and longest time to the act: outputs, inputs.
+    /// Longest mapping and longest time to the action: outputs, inputs.
     longest_mapping: [Nanos; 2],
     longest_delay: [Nanos; 2],
     last_sm_event: Option<Time<Device>>,
@@ -30,7 +31,7 @@ pub(crate) struct Measurement {
 }
 
 impl Measurement {
-    /// Sub-index 08 bit 0: begins anew, or ends; the values stay.
+    /// Sub-index 08 bit 0: starts a new measurement, or stops it; the values are kept.
     pub fn switch(&mut self, on: bool) {
         if on {
             *self = Self { on, begun: true, ..Self::default() };
@@ -38,7 +39,7 @@ impl Measurement {
         self.on = on;
     }
 
-    /// A new cyclic operation: distances are those of this one.
+    /// Starts a new cyclic operation: distances belong to it alone.
     pub fn forget_distances(&mut self) {
         self.last_sm_event = None;
         self.last_cycle = None;
@@ -46,7 +47,7 @@ impl Measurement {
         self.sm_sync_distance = None;
     }
 
-    /// Outputs came; `begins_cycle`: and begin the cycle.
+    /// Takes an event of outputs; `begins_cycle`: whether it also begins the cycle.
     pub fn sm_event(&mut self, now: Time<Device>, begins_cycle: bool) {
         if let Some(last) = self.last_sm_event.replace(now) {
             widen(&mut self.cycle_distance, now - last);
@@ -56,7 +57,7 @@ impl Measurement {
         }
     }
 
-    /// The event came that begins a cycle without DC.
+    /// Takes the event that begins a cycle without DC.
     pub fn cycle_begins(&mut self, now: Time<Device>) {
         self.trigger = now;
         if let Some(last) = self.last_cycle.replace(now).filter(|_| self.on) {
@@ -65,7 +66,7 @@ impl Measurement {
         }
     }
 
-    /// A SYNC0 pulse.
+    /// Takes a SYNC0 pulse.
     pub fn sync0(&mut self, now: Time<Device>) {
         self.trigger = now;
         if let Some(last) = self.last_sm_event {
@@ -73,17 +74,17 @@ impl Measurement {
         }
     }
 
-    /// A SYNC1 pulse.
+    /// Takes a SYNC1 pulse.
     pub fn sync1(&mut self, now: Time<Device>) {
         self.trigger = now;
     }
 
-    /// An event starts to map outputs.
+    /// Takes the event that starts the mapping of outputs.
     pub fn maps_outputs(&mut self, now: Time<Device>) {
         self.step_began[Step::MapOutputs as usize] = now;
     }
 
-    /// A step begins.
+    /// Takes the start of a step.
     pub fn begins(&mut self, now: Time<Device>, step: Step) {
         if step != Step::MapOutputs {
             self.step_began[step as usize] = now;
@@ -99,12 +100,12 @@ impl Measurement {
         }
     }
 
-    /// A step has ended.
+    /// Takes the end of a step.
     pub fn ends(&mut self, now: Time<Device>, step: Step) {
         if !self.on {
             return;
         }
-        // What 0x1C32:06 and 0x1C33:06 mean: from the event, and from Input Latch.
+        // The meaning of 0x1C32:06 and 0x1C33:06: from the event, and from Input Latch.
         let took = now - self.step_began[step as usize];
         match step {
             Step::MapOutputs => self.mapped(0, took),
@@ -194,7 +195,7 @@ mod tests {
         let cycle = |m: &mut Measurement, start: u64, map: u64| {
             m.cycle_begins(at(start));
             m.maps_outputs(at(start));
-            // An interrupt latency of 2 ns is part of it.
+            // An interrupt latency of 2 ns is included.
             m.begins(at(start + 2), Step::MapOutputs);
             m.ends(at(start + map), Step::MapOutputs);
             m.begins(at(start + map), Step::Application);

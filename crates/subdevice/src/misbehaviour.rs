@@ -1,32 +1,33 @@
-//! Misbehaviour: what devices do wrong, by name, so that a test of devices can prove that it sees it.
+//! Misbehaviours of devices by name, so that a device test can prove that it detects them.
 //!
-//! A device behaves as long as [`Behaviour::misbehaviour`](crate::description::Behaviour::misbehaviour) is empty.
-//! Each fault is small: it breaks one promise and leaves all others.
+//! A device is correct as long as
+//! [`Behaviour::misbehaviour`](crate::description::Behaviour::misbehaviour) is empty. Each
+//! misbehaviour is small: it breaks one rule and keeps all others.
 
 use isocat_wire::{AbortCode, AlState, AlStatusCode, Nanos, ObjectAddress};
 
-/// Declares the vocabulary: what each word means, the word, and the fault with what it needs.
+/// Declares the vocabulary: the meaning, the word, and the misbehaviour with its parameters.
 macro_rules! vocabulary {
     ($($(#[doc = $means:literal])+ $word:literal $fault:ident $(($($needs:ty),+))?,)+) => {
-        /// One thing that a device does wrong.
+        /// A misbehaviour of a device.
         #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
         pub enum Misbehaviour {
             $($(#[doc = $means])+ $fault $(($($needs),+))?,)+
         }
 
         impl Misbehaviour {
-            /// The vocabulary: each word, and what it means.
+            /// The vocabulary: each word with its meaning.
             pub const WORDS: &'static [(&'static str, &'static str)] =
                 &[$(($word, concat!($($means),+).trim_ascii()),)+];
 
-            /// The word for it.
+            /// Its word.
             pub const fn word(&self) -> &'static str {
                 match self {
                     $(Self::$fault { .. } => $word,)+
                 }
             }
 
-            /// What a word means; `None`: it is none of the vocabulary.
+            /// The meaning of a word; `None` if it is not in the vocabulary.
             pub fn means(word: &str) -> Option<&'static str> {
                 let mut words = Self::WORDS.iter();
                 words.find(|(known, _)| *known == word).map(|(_, means)| *means)
@@ -36,92 +37,93 @@ macro_rules! vocabulary {
 }
 
 vocabulary! {
-    /// The entry always reads this number; what the device goes by stays right.
+    /// The entry always reads this number; the value that the device uses stays right.
     "wrong-value" WrongValue(ObjectAddress, u32),
-    /// SDO information tells this type code for the entry.
+    /// SDO information gives this type code for the entry.
     "wrong-type" WrongType(ObjectAddress, u16),
-    /// The entry does not exist: not for SDOs, not for SDO information.
+    /// The entry does not exist, neither for SDOs nor for SDO information.
     "missing-entry" MissingEntry(ObjectAddress),
-    /// The entry can't be written, and SDO information says so.
+    /// The entry cannot be written, and SDO information says so.
     "read-only" ReadOnly(ObjectAddress),
-    /// Complete access to the object gives its bytes in wrong places.
+    /// Complete access to the object gives its bytes at wrong places.
     "shifted-complete-access" ShiftedCompleteAccess(u16),
-    /// The entry can't be read in SAFEOP and OP, whatever its access word says.
+    /// The entry cannot be read in SAFEOP and OP, whatever its access word says.
     "refuses-read" RefusesRead(ObjectAddress),
-    /// The entry can't be written in this state, whatever its access word says.
+    /// The entry cannot be written in this state, whatever its access word says.
     "refuses-write" RefusesWrite(ObjectAddress, AlState),
     /// The entry can be written in every state, whatever its access word says.
     "accepts-write" AcceptsWrite(ObjectAddress),
-    /// The entry takes this number, which it must refuse.
+    /// The entry accepts this number, which it must refuse.
     "accepts-value" AcceptsValue(ObjectAddress, u32),
     /// Transfers of the entry that must fail with this code fail with the general error.
     "wrong-abort" WrongAbort(ObjectAddress, AbortCode),
     /// The sub-index of a sync object counts, but always reads 0.
     "frozen-counter" FrozenCounter(ObjectAddress),
-    /// The sub-index of a sync object reads so much more than it counted, once it has counted.
+    /// The sub-index of a sync object reads this much more than it counted, once it has counted.
     "wrong-counter" WrongCounter(ObjectAddress, u32),
-    /// The counters are not cleared at PREOP to SAFEOP, nor on the way back.
+    /// The counters are not cleared at PREOP to SAFEOP, nor on the way down.
     "keeps-counters" KeepsCounters,
     /// Sub-index 08, bit 1 clears nothing.
     "ignores-reset" IgnoresReset,
-    /// The limit of missed events is so much higher than it says.
+    /// The limit of missed events is this much higher than stated.
     "wrong-limit" WrongLimit(u16),
-    /// 0x1C32:00 and 0x1C33:00 read 0 in SAFEOP and OP when the direction is not transmitted, but their
-    /// sub-indices stay.
+    /// 0x1C32:00 and 0x1C33:00 read 0 in SAFEOP and OP if the direction is not transmitted, but
+    /// their sub-indices still exist.
     "half-hidden" HalfHidden,
-    /// The state is never entered (INIT: not from SAFEOP and OP): 0x0001.
+    /// The state is never entered (INIT: not from SAFEOP and OP): code 0x0001.
     "refused-state" RefusedState(AlState),
-    /// A set-up that must be refused with this code is accepted; with a number, only if register 0x0981
-    /// has this value.
+    /// A set-up that must be refused with this code is accepted; with a number, only if register
+    /// 0x0981 has this value.
     "accepts-setup" AcceptsSetup(AlStatusCode, Option<u8>),
-    /// What must be told by this code, in this state, is told as 0x0001.
+    /// An error that must have this code, in this state, has code 0x0001.
     "wrong-al-code" WrongAlCode(AlStatusCode, AlState),
-    /// The error with this code is not given up when it is acknowledged; INIT is the only way out.
+    /// The error with this code stays after it is acknowledged; only INIT clears it.
     "keeps-error" KeepsError(AlStatusCode),
-    /// A request is followed although the error was not acknowledged.
+    /// A request is accepted although the error was not acknowledged.
     "forgets-error" ForgetsError,
-    /// Everything but the copying of outputs comes so much later.
+    /// All steps except the copying of outputs are this much later.
     "late-application" LateApplication(Nanos),
-    /// The copying of outputs begins so much later.
+    /// The copying of outputs begins this much later.
     "late-copy" LateCopy(Nanos),
-    /// Every so many-th SM2 event goes by unnoticed.
+    /// Every n-th SM2 event is ignored.
     "missed-copy" MissedCopy(u32),
-    /// At SYNC0 cycles shorter than this, every other SM2 event goes by unnoticed.
+    /// With SYNC0 cycles shorter than this, every other SM2 event is ignored.
     "short-of-time" ShortOfTime(Nanos),
-    /// SYNC0 is never noticed.
+    /// SYNC0 is ignored.
     "dead-sync0" DeadSync0,
     /// The shift time has no effect.
     "ignores-shift" IgnoresShift,
-    /// Who does not choose a type gets SM-synchronous operation, whatever the SYNC unit is set to.
+    /// Without a chosen type the device is SM-synchronous, whatever the SYNC unit is set to.
     "ignores-sync-unit" IgnoresSyncUnit,
     /// SAFEOP is entered without inputs in the buffer.
     "no-first-inputs" NoFirstInputs,
-    /// The mailbox is answered so much later.
+    /// The mailbox is answered this much later.
     "slow-mailbox" SlowMailbox(Nanos),
-    /// SDO information is answered so: short (the headers alone), silent, garbage (another service), error
-    /// (of the mailbox) or abort.
+    /// SDO information is answered in this way: short (the headers alone), silent, garbage (another
+    /// service), error (of the mailbox) or abort.
     "bad-information" BadInformation(BadAnswer),
-    /// SDO transfers of the object are answered so: short, silent, garbage, error or abort.
+    /// SDO transfers of the object are answered in this way: short, silent, garbage, error or
+    /// abort.
     "bad-transfer" BadTransfer(u16, BadAnswer),
 }
 
-/// How a mailbox service is answered that is not answered right.
+/// A wrong answer of a mailbox service.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum BadAnswer {
-    /// By the CoE header and four bytes, whatever must stand behind them.
+    /// The CoE header and four bytes, whatever must follow.
     Short,
-    /// Not at all.
+    /// No answer.
     Silent,
-    /// By a command that is no answer to this request.
+    /// A command that is not an answer to this request.
     Garbage,
-    /// By a mailbox error.
+    /// A mailbox error.
     Error,
-    /// By an abort with the general code.
+    /// An abort with the general code.
     Abort,
 }
 
 impl BadAnswer {
-    /// All of them, each with its word.
+    /// All wrong answers, each with its word.
     pub const WORDS: [(&'static str, Self); 5] = [
         ("short", Self::Short),
         ("silent", Self::Silent),
@@ -131,22 +133,22 @@ impl BadAnswer {
     ];
 }
 
-/// What a device does wrong, all in all: [`MOST`](Self::MOST) things. It is kept by value, so that a device can begin and end to
-/// misbehave without memory of its own for it.
+/// All misbehaviours of a device, at most [`MOST`](Self::MOST). They are kept by value, so that a
+/// device can begin and end a misbehaviour without allocation.
 #[derive(Clone, Copy, Debug)]
 pub struct Misbehaviours {
-    /// Those behind `count` mean nothing.
+    /// Entries from `count` on have no meaning.
     things: [Misbehaviour; Self::MOST],
     count: u8,
 }
 
 impl Misbehaviours {
-    /// Most things that a device does wrong at a time. Without the feature `misbehaviour` it does none.
+    /// Most misbehaviours of a device at a time; 0 without the feature `misbehaviour`.
     pub const MOST: usize = if cfg!(feature = "misbehaviour") { 32 } else { 0 };
-    /// It behaves.
+    /// No misbehaviour.
     pub const NONE: Self = Self { things: [Misbehaviour::KeepsCounters; Self::MOST], count: 0 };
 
-    /// These things; `None` if they are more than [`MOST`](Self::MOST).
+    /// These misbehaviours; `None` if they are more than [`MOST`](Self::MOST).
     pub fn of(things: &[Misbehaviour]) -> Option<Self> {
         let mut all = Self::NONE;
         all.things.get_mut(..things.len())?.copy_from_slice(things);
@@ -154,13 +156,13 @@ impl Misbehaviours {
         Some(all)
     }
 
-    /// All of them, in the order in which they began.
+    /// All misbehaviours, in the order in which they began.
     pub const fn all(&self) -> &[Misbehaviour] {
         self.things.split_at(self.count as usize).0
     }
 
-    /// Begins to do something wrong; what is done already is the last from then on. Where there are [`MOST`](Self::MOST), the
-    /// first one ends.
+    /// Begins a misbehaviour; one that is already present becomes the last. With
+    /// [`MOST`](Self::MOST) of them, the first one ends.
     pub fn begin(&mut self, how: Misbehaviour) {
         self.end(how);
         if self.all().len() == Self::MOST {
@@ -171,7 +173,7 @@ impl Misbehaviours {
         self.count += 1;
     }
 
-    /// Ends to do something wrong.
+    /// Ends a misbehaviour.
     pub fn end(&mut self, how: Misbehaviour) {
         let Some(place) = self.all().iter().position(|thing| *thing == how) else { return };
         self.things.copy_within(place + 1..usize::from(self.count), place);
@@ -195,10 +197,10 @@ impl Eq for Misbehaviours {}
 
 use Misbehaviour::*;
 
-/// What a device does wrong. Empty for a device that behaves.
+/// The misbehaviours of a device; empty for a correct device.
 pub(crate) type Faults = [Misbehaviour];
 
-/// The number that an entry reads instead of its own.
+/// The number that an entry shows in place of the right one.
 pub(crate) fn shown(faults: &Faults, address: ObjectAddress, own: u32) -> u32 {
     let mut shown = own;
     for fault in faults {
@@ -212,23 +214,24 @@ pub(crate) fn shown(faults: &Faults, address: ObjectAddress, own: u32) -> u32 {
     shown
 }
 
-/// The abort code that is sent instead of the right one.
+/// The abort code in place of the right one.
 pub(crate) fn abort(faults: &Faults, address: ObjectAddress, code: AbortCode) -> AbortCode {
     if faults.contains(&WrongAbort(address, code)) { AbortCode::GENERAL } else { code }
 }
 
-/// The AL status code that is shown instead of the right one.
+/// The AL status code in place of the right one.
 pub(crate) fn al_code(faults: &Faults, state: AlState, code: AlStatusCode) -> AlStatusCode {
     if faults.contains(&WrongAlCode(code, state)) { AlStatusCode::UNSPECIFIED } else { code }
 }
 
-/// Whether a set-up is accepted that must be refused with this code; `activation` is register 0x0981.
+/// Whether a set-up that must be refused with this code is accepted; `activation` is register
+/// 0x0981.
 pub(crate) fn accepts(faults: &Faults, code: AlStatusCode, activation: u8) -> bool {
     faults.contains(&AcceptsSetup(code, None))
         || faults.contains(&AcceptsSetup(code, Some(activation)))
 }
 
-/// How transfers of an object are answered instead of right.
+/// The wrong answer to transfers of an object, if any.
 pub(crate) fn bad_transfer(faults: &Faults, index: u16) -> Option<BadAnswer> {
     number(faults, |fault| match *fault {
         BadTransfer(at, answer) if at == index => Some(answer),
@@ -236,7 +239,7 @@ pub(crate) fn bad_transfer(faults: &Faults, index: u16) -> Option<BadAnswer> {
     })
 }
 
-/// How SDO information is answered instead of right.
+/// The wrong answer to SDO information, if any.
 pub(crate) fn bad_information(faults: &Faults) -> Option<BadAnswer> {
     number(faults, |fault| match *fault {
         BadInformation(answer) => Some(answer),
@@ -260,7 +263,7 @@ mod tests {
         assert!(Misbehaviours::of(&things).is_none());
         let mut all = Misbehaviours::of(&things[..Misbehaviours::MOST]).expect("as many as fit");
         assert_eq!(all.all(), &things[..Misbehaviours::MOST]);
-        // One more: the first gives way. The same again: it is there once, as the last.
+        // One more replaces the first. The same one again is present once, as the last.
         all.begin(things[Misbehaviours::MOST]);
         assert_eq!(all.all(), &things[1..]);
         all.begin(things[1]);

@@ -4,30 +4,30 @@ use crate::description::MissedEvents;
 
 /// The counter and its rule.
 ///
-/// Two rules leak: an event that came takes one, a missing one adds three, so that they tell frequent losses
-/// from rare ones, and they do not grow once they are above the limit. The third is the balance of events
-/// and pulses.
+/// Two rules leak: an event in time subtracts one and a missing one adds three. So frequent losses
+/// differ from rare ones, and the counter does not grow once it is above the limit. The third rule
+/// is the balance of events and pulses.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct MissedCounter {
     count: u16,
-    /// Pulses since the last event, as far as the Slave Stack Code counts them.
+    /// Number of pulses since the last event, as far as the Slave Stack Code counts them.
     window: u32,
-    /// Events less pulses.
+    /// Events minus pulses.
     balance: i16,
-    /// A pulse has come in OP.
+    /// Whether a pulse has come in OP.
     balanced: bool,
 }
 
 impl MissedCounter {
-    /// An event in OP: SM2, or SM3 without outputs.
+    /// Takes an event in OP: SM2, or SM3 without outputs.
     pub fn event(&mut self, rule: MissedEvents) {
         if rule == MissedEvents::Balance {
             self.balance = self.balance.saturating_add(1);
         }
     }
 
-    /// The pulse that outputs are for; `updated` says whether they are ready. `grace`: pulses without an
-    /// event that the Slave Stack Code lets pass.
+    /// Takes the pulse at which outputs must be ready; `updated` tells whether they are. `grace`:
+    /// number of pulses without an event that the Slave Stack Code ignores.
     pub fn pulse(&mut self, updated: bool, op: bool, rule: MissedEvents, limit: u16, grace: u32) {
         let missed = match rule {
             MissedEvents::Counted => !updated,
@@ -40,8 +40,8 @@ impl MissedCounter {
                 missed
             }
             MissedEvents::Balance => {
-                // OP begins between an event and its pulse, or between a pulse and the next event: the first
-                // pulse without an event belongs to the cycle in which it began.
+                // OP begins between an event and its pulse, or between a pulse and the next event.
+                // The first pulse without an event then belongs to the cycle in which OP began.
                 let began_between = op && !self.balanced && self.balance == 0;
                 self.balanced |= op;
                 if op && !began_between {
@@ -58,7 +58,7 @@ impl MissedCounter {
         }
     }
 
-    /// The inputs of a device without outputs were read: the count starts anew.
+    /// Called when the inputs of a device without outputs were read: the count starts again.
     pub fn restart(&mut self) {
         self.count = 0;
     }
@@ -70,11 +70,11 @@ impl MissedCounter {
 
     /// Value of sub-index 0B.
     pub const fn count(&self) -> u16 {
-        // One of them is 0: a device has one rule.
+        // One of them is 0, since a device uses one rule.
         self.count.saturating_add(self.balance.unsigned_abs())
     }
 
-    /// Whether so many events are missing that the device must leave OP.
+    /// Whether the device must leave OP because too many events are missing.
     pub fn exceeded(&self, rule: MissedEvents, limit: u16) -> bool {
         match rule {
             MissedEvents::Counted => self.count > limit,
@@ -84,14 +84,14 @@ impl MissedCounter {
     }
 }
 
-/// What a missing event adds.
+/// Amount that a missing event adds.
 const PENALTY: u16 = 3;
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Counts after each SYNC0, and at which SYNC0 the limit is exceeded.
+    /// Returns the counts after each SYNC0, and the SYNC0 at which the limit is exceeded.
     fn run(
         rule: MissedEvents,
         limit: u16,
@@ -136,7 +136,8 @@ mod tests {
         assert!(run(MissedEvents::Counted, 4, &third).1.is_some());
     }
 
-    /// Frames stop after a good one: the error comes at the fourth SYNC0, three frames missing.
+    /// Frames stop after a good one: the error comes at the fourth SYNC0, with three frames
+    /// missing.
     #[test]
     fn slave_stack_code_lets_the_first_miss_pass() {
         let rule = MissedEvents::SlaveStackCode;
@@ -148,7 +149,7 @@ mod tests {
         assert_eq!((counts.as_slice(), exceeded), (&[0, 0, 3][..], Some(2)), "at the limit");
     }
 
-    /// Each loss is kept: the third one in sum is the error.
+    /// Every loss remains: the third one in total is the error.
     #[test]
     fn the_balance_forgets_nothing() {
         let rule = MissedEvents::Balance;
@@ -156,10 +157,10 @@ mod tests {
         assert_eq!((counts.as_slice(), exceeded), (&[0, 1, 2, 3][..], Some(3)));
         let (counts, exceeded) = run(rule, 2, &[true, true, false].repeat(3));
         assert_eq!((counts.as_slice(), exceeded), (&[0, 0, 1, 1, 1, 2, 2, 2, 3][..], Some(8)));
-        // The cycle in which OP begins has no event of its own.
+        // The cycle in which OP begins has no event.
         let (counts, _) = run(rule, 2, &[false, true, false]);
         assert_eq!(counts, [0, 0, 1]);
-        // Twice as many events as pulses are as wrong.
+        // Twice as many events as pulses is also an error.
         let mut counter = MissedCounter::default();
         for _ in 0..3 {
             assert!(!counter.exceeded(rule, 2));
@@ -168,7 +169,7 @@ mod tests {
             counter.pulse(true, true, rule, 2, 1);
         }
         assert!(counter.exceeded(rule, 2));
-        // Before OP nothing is balanced.
+        // Before OP there is no balance.
         let mut counter = MissedCounter::default();
         counter.pulse(false, false, rule, 2, 1);
         assert_eq!(counter.count(), 0);

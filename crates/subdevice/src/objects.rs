@@ -1,5 +1,5 @@
-//! Access to the dictionary as the MainDevice has it: rights per state, gaps, complete access, and the
-//! rules of the objects that the stack itself lives by.
+//! The MainDevice's access to the dictionary: rights by state, gaps, complete access, and the rules
+//! of the objects that the stack itself uses.
 
 use isocat_sync::object::{ERROR_SETTINGS, INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::object::{INPUT_ASSIGNMENT, OUTPUT_ASSIGNMENT};
@@ -19,7 +19,7 @@ use crate::sync_engine::{Chosen, SyncEngine};
 /// Most bytes of a value, and of an object in complete access, that an SDO can carry.
 pub const MAX_TRANSFER: usize = 1024;
 
-/// The dictionary together with all that has a word in it.
+/// The dictionary, with everything that affects an access.
 pub(crate) struct Objects<'a, A, S> {
     pub dictionary: &'a mut Dictionary<S>,
     pub application: &'a mut A,
@@ -42,9 +42,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         Ok(())
     }
 
-    /// Writes an object from sub-index `first` (0 or 1) on, packed as complete access has it. Nothing is
-    /// written if an entry may not be; only the application's own refusal comes after earlier entries
-    /// were written.
+    /// Writes an object from sub-index `first` (0 or 1) on, packed as in complete access. If one
+    /// entry must not be written, none is; only a refusal by the application comes after earlier
+    /// entries were written.
     pub fn write_complete(&mut self, index: u16, first: u8, data: &[u8]) -> Result<(), AbortCode> {
         let object = self.complete(index, first)?;
         let start = complete_start(first);
@@ -55,7 +55,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         if data.len() > complete_len(object, first, u8::MAX) {
             return Err(AbortCode::TOO_LONG);
         }
-        // The number of entries stands in front, and decides how many must follow.
+        // The number of entries comes first, and decides how many must follow.
         let count = (first == 0 && assignment::is_guarded_by_count(index))
             .then(|| data.first().copied().unwrap_or_default());
         let given_last = object.entries.iter().rfind(given).map(|entry| entry.sub);
@@ -83,7 +83,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
                     self.check_value(address, entry, value.bytes(), count)?;
                 }
                 Err(fault) => {
-                    // What can't be written may be there, if it is what it was.
+                    // An entry that cannot be written is accepted if it has its present value.
                     let mut present = [0; MAX_TRANSFER];
                     let same = self
                         .value(address, entry, &mut present)
@@ -108,7 +108,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         Ok(())
     }
 
-    /// Reads one entry into the front of `target`; gives its bytes.
+    /// Reads one entry into the front of `target`; returns its length in bytes.
     pub fn read(
         &mut self,
         address: ObjectAddress,
@@ -118,8 +118,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         self.value(address, entry, target)
     }
 
-    /// Reads an object from sub-index `first` (0 or 1) on, packed as complete access has it. Entries
-    /// that can't be read are zeros; if none can, the transfer fails.
+    /// Reads an object from sub-index `first` (0 or 1) on, packed as in complete access. Entries
+    /// that cannot be read are zeros; if none can be read, the transfer fails.
     pub fn read_complete(
         &mut self,
         index: u16,
@@ -163,7 +163,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         if last < first.max(1) { Ok(len) } else { result }
     }
 
-    /// Whether a download may begin: `total` bytes to an entry, or to an object from the sub-index on.
+    /// Checks whether a download may begin: `total` bytes to an entry, or to an object from the
+    /// sub-index on.
     pub fn check_download(
         &self,
         address: ObjectAddress,
@@ -181,12 +182,12 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         check_length(self.writable(address)?, total)
     }
 
-    /// What the device does wrong.
+    /// The misbehaviours of the device.
     pub fn faults(&self) -> &Faults {
         self.dictionary.description().behaviour.faults()
     }
 
-    /// Bytes of an entry, for a download that does not tell its size.
+    /// Bytes of an entry, for a download without a stated size.
     pub fn entry_len(&self, address: ObjectAddress) -> Result<usize, AbortCode> {
         Ok(self.entry(address)?.len())
     }
@@ -229,7 +230,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         }
     }
 
-    /// The right of PREOP, moved to the present state.
+    /// The right of PREOP, shifted to that of the present state.
     const fn right(&self, preop: u16) -> Access {
         Access(match self.state {
             AlState::SafeOp => preop << 1,
@@ -246,12 +247,12 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         Ok(object)
     }
 
-    /// Whether the object hides its sub-indices since its direction is not transmitted.
+    /// Whether the object hides its sub-indices because its direction is not transmitted.
     fn is_hidden(&self, index: u16) -> bool {
         self.dictionary.description().behaviour.hide_unused_sync_objects && self.is_unused(index)
     }
 
-    /// Whether the object is that of a direction which is not transmitted.
+    /// Whether the direction of the object is not transmitted.
     fn is_unused(&self, index: u16) -> bool {
         matches!(self.state, AlState::SafeOp | AlState::Op)
             && match index {
@@ -295,7 +296,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         Ok(len)
     }
 
-    /// What was measured of a time that the device states as 0.
+    /// The measured value of a time that the device states as 0.
     fn measured(&self, address: ObjectAddress, entry: &Entry) -> Option<u32> {
         if !matches!(address.index, OUTPUT_PARAMETER | INPUT_PARAMETER) {
             return None;
@@ -314,7 +315,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         if able && !stated && !written { self.sync.measured(address) } else { None }
     }
 
-    /// The number that an entry shows instead of its own, if it shows another.
+    /// The number that an entry shows in place of the right one, if it differs.
     fn shown(&self, address: ObjectAddress, entry: &Entry, own: Option<u32>) -> Option<u32> {
         let stored = number(self.dictionary.bytes(entry));
         let right = own.unwrap_or(stored);
@@ -322,7 +323,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         if shown == right { own } else { Some(shown) }
     }
 
-    /// The rules of the stack's own objects. `count` is the number of entries that comes in the same
+    /// Checks the rules of the stack's own objects. `count` is the number of entries in the same
     /// complete access.
     fn check_value(
         &self,
@@ -365,7 +366,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         }
     }
 
-    /// Whether the type may be chosen, by what the device can and what is assigned now.
+    /// Checks whether the type may be chosen, by the device's capabilities and the present
+    /// assignment.
     fn check_sync_type(&self, index: u16, chosen: SyncType) -> Result<(), AbortCode> {
         let description = self.dictionary.description();
         let transmits = |assigned, most: u16| match assignment::length(self.dictionary, assigned) {
@@ -389,7 +391,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         if allowed { Ok(()) } else { Err(AbortCode::VALUE_RANGE) }
     }
 
-    /// Stores a value and does what follows from it.
+    /// Stores a value and applies its effects.
     fn store(&mut self, address: ObjectAddress, entry: &Entry, value: &[u8]) {
         self.dictionary.bytes_mut(entry).copy_from_slice(value);
         let of_outputs = address.index == OUTPUT_PARAMETER;
@@ -398,13 +400,13 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
                 sub::SYNC_TYPE if of_outputs => self.chosen.output_type = true,
                 sub::SYNC_TYPE => self.chosen.input_type = true,
                 sub::CYCLE_TIME => {
-                    // One cycle for both directions.
+                    // Both directions have the same cycle.
                     self.chosen.cycle = true;
                     let other = if of_outputs { INPUT_PARAMETER } else { OUTPUT_PARAMETER };
                     self.dictionary.set(other, sub::CYCLE_TIME, number(value));
                 }
                 sub::GET_CYCLE_TIME => {
-                    // One command for both directions; the value stays as it was written.
+                    // One command serves both directions; the written value is kept.
                     let ignores = self.faults().contains(&Misbehaviour::IgnoresReset);
                     if number(value) & RESET_COUNTERS != 0 && !ignores {
                         self.sync.reset_counters();
@@ -426,7 +428,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
     }
 }
 
-/// The bytes of one entry while it is judged.
+/// The bytes of one entry while it is checked.
 struct Value {
     bytes: [u8; MAX_TRANSFER],
     len: usize,
@@ -441,7 +443,7 @@ impl Value {
         Ok(Self { bytes: [0; MAX_TRANSFER], len })
     }
 
-    /// Takes the entry's bits out of a complete access that starts at bit `start` of the object.
+    /// Extracts the entry's bits from a complete access that starts at bit `start` of the object.
     fn unpack(entry: &Entry, data: &[u8], start: u32) -> Result<Self, AbortCode> {
         let mut value = Self::new(entry)?;
         let from = entry.complete_access_offset.saturating_sub(start) as usize;
@@ -454,7 +456,7 @@ impl Value {
         Ok(value)
     }
 
-    /// Clears the bits of the last byte that the entry does not have.
+    /// Clears the unused bits of the last byte.
     fn mask(&mut self, entry: &Entry) {
         let used = entry.bits % 8;
         if used != 0 && self.len > 0 {
@@ -471,7 +473,7 @@ impl Value {
     }
 }
 
-/// Puts the entry's bits into a complete access that starts at bit `start` of the object.
+/// Inserts the entry's bits into a complete access that starts at bit `start` of the object.
 fn pack(entry: &Entry, value: &[u8], start: u32, target: &mut [u8]) {
     let to = entry.complete_access_offset.saturating_sub(start) as usize;
     for bit in 0..usize::from(entry.bits).min(8 * value.len()) {
@@ -500,7 +502,7 @@ const fn complete_start(first: u8) -> u32 {
     if first == 0 { 0 } else { FIRST_SUB_BITS }
 }
 
-/// A number must have its bytes; text may be shorter.
+/// Checks a length. A number must have all its bytes; text may be shorter.
 fn check_length(entry: &Entry, given: usize) -> Result<(), AbortCode> {
     let text = matches!(
         entry.data_type,
@@ -523,7 +525,7 @@ fn number(value: &[u8]) -> u32 {
 const FIRST_SUB_BITS: u32 = 16;
 /// Right to read in PREOP.
 const READ_PREOP: u16 = 0x0001;
-/// Sub-index 08, bit 0: measure, anew.
+/// Sub-index 08, bit 0: start a new measurement.
 const MEASURE: u32 = 0x0001;
 /// Sub-index 08, bit 1: reset the error counters.
 const RESET_COUNTERS: u32 = 0x0002;

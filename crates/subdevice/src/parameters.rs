@@ -1,4 +1,5 @@
-//! Access to the parameters of drives as SoE has it: rights per state, lists, elements that an IDN does not have.
+//! SoE's access to the parameters of drives: rights by state, lists, elements that an IDN does not
+//! have.
 
 use isocat_wire::AlState;
 use isocat_wire::soe::{Attribute, Elements, ErrorCode, Idn};
@@ -8,7 +9,8 @@ use crate::description::{LIST_HEAD, Parameter};
 use crate::objects::{MAX_TRANSFER, Objects};
 
 impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
-    /// Reads elements, one behind the other, into the front of `target`; gives their bytes.
+    /// Reads elements, one after the other, into the front of `target`; returns their length in
+    /// bytes.
     pub fn read_elements(
         &mut self,
         drive: u8,
@@ -87,7 +89,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         stored[..data.len()].copy_from_slice(data);
         stored[data.len()..].fill(0);
         if parameter.attribute.is_list() {
-            // Only the device says how long the list can be.
+            // Only the device determines how long the list can be.
             stored[2..LIST_HEAD].copy_from_slice(&parameter.list_room().to_le_bytes());
         }
         Ok(())
@@ -119,12 +121,12 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         if !parameter.attribute.is_list() {
             return present == data;
         }
-        // How long the list may be is not part of the value.
+        // The largest length of a list is not part of its value.
         present[..2] == data[..2] && present[LIST_HEAD..] == data[LIST_HEAD..]
     }
 }
 
-/// Whether a value has the length that the parameter has, or a list one that fits.
+/// Checks that a value has the length of the parameter, or that a list fits.
 fn check_length(parameter: &Parameter, data: &[u8]) -> Result<(), ErrorCode> {
     let len = usize::from(parameter.len);
     if !parameter.attribute.is_list() {

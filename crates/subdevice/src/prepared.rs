@@ -1,7 +1,7 @@
-//! What events start, kept from one cycle to the next.
+//! The steps that events start, kept from one cycle to the next.
 //!
-//! Which steps an event starts, and when each is due, follows from the mode and its settings, and these stay as they are while
-//! the device is in the cycle. A caller that has the memory keeps the answer here.
+//! The steps of an event and their delays follow from the mode and its settings, which do not
+//! change while the device is in the cycle. A caller with enough memory keeps them here.
 
 use isocat_sync::Event;
 
@@ -11,18 +11,19 @@ use crate::steps::Steps;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Begins {
     pub steps: Steps,
-    /// One bit a step of the event: if one of them is still under way, none starts.
+    /// One bit for each step of the event: if one of them has not ended, none starts.
     pub wants: u8,
-    /// One bit a step that starts.
+    /// One bit for each step that starts.
     pub starts: u8,
-    /// A shift is too short for the device.
+    /// Whether a shift is too short for the device.
     pub too_short: bool,
 }
 
-/// What an event starts also depends on this: it is the last SYNC0 before SYNC1, outputs wait for it, the device is in OP.
+/// The event, and whether it is the last SYNC0 before SYNC1, whether outputs wait for it, and
+/// whether the device is in OP. The steps depend on all of them.
 type Occasion = (Event, bool, bool, bool);
 
-/// What was started last, by event: see
+/// The steps that were last started, by event: see
 /// [`SubDevice::handle_event_prepared`](crate::SubDevice::handle_event_prepared).
 #[derive(Clone, Copy, Debug)]
 pub struct Prepared {
@@ -32,12 +33,13 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Nothing yet.
+    /// Nothing is kept yet.
     pub const fn new() -> Self {
         Self { version: 0, kept: [None; EVENTS], once: Steps::EMPTY }
     }
 
-    /// What is kept for an occasion, found out now if it is not there or of another version.
+    /// The steps for an occasion. They are computed now if they are not kept or have another
+    /// version.
     #[inline]
     pub(crate) fn of(
         &mut self,
@@ -56,7 +58,7 @@ impl Prepared {
         &kept.get_or_insert_with(|| (occasion, find())).1
     }
 
-    /// Steps that hold for this one event.
+    /// Keeps steps for this event only.
     pub(crate) fn keep(&mut self, steps: Steps) -> &Steps {
         self.once = steps;
         &self.once
@@ -69,7 +71,7 @@ impl Default for Prepared {
     }
 }
 
-/// A mode has steps for one event beside SYNC at most.
+/// The place of an event: a mode has steps for at most one event other than SYNC.
 const fn place(event: Event) -> usize {
     match event {
         Event::Sm2 | Event::Sm3 | Event::Timer => 0,

@@ -1,19 +1,20 @@
-//! The process data on their way between the ESC and the application. Each direction is one image for the application;
-//! in the ESC it lies in one buffer or in several, as many as the direction has SyncManagers.
+//! The process data between the ESC and the application. Each direction is one image for the
+//! application; in the ESC it is in one or several buffers, one for each SyncManager of the
+//! direction.
 
 use core::ops::Range;
 
 use isocat_esc::Pdi;
 
-/// Most bytes of process data in one direction: what one datagram carries. The stack keeps one image of each direction, since a
-/// buffer of the ESC is fetched or filled as a whole; the images are as long as the areas of the description, and lie
-/// in the value store of the caller.
+/// Most bytes of process data in one direction: the capacity of one datagram. The stack keeps one
+/// image of each direction, since a buffer of the ESC is read or written as a whole. The images are
+/// as long as the areas of the description, and are in the value store of the caller.
 pub const MAX_PROCESS_DATA: usize = 1486;
 
 /// Most SyncManagers of one direction.
 pub const MAX_AREAS: usize = 8;
 
-/// Where a buffer lies and how long it is; of length 0 if nothing is transmitted.
+/// The place and the length of a buffer; length 0 if there is no process data.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Buffer {
     /// First byte.
@@ -23,7 +24,7 @@ pub(crate) struct Buffer {
 }
 
 impl Buffer {
-    /// Whether anything is transmitted.
+    /// Whether there is process data.
     pub const fn is_used(&self) -> bool {
         self.length > 0
     }
@@ -33,7 +34,7 @@ impl Buffer {
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Buffers {
     all: [Buffer; MAX_AREAS],
-    /// Those behind are not used.
+    /// Number of buffers in use.
     used: u8,
     /// Bytes of the image, at most [`MAX_PROCESS_DATA`].
     length: u16,
@@ -70,7 +71,7 @@ impl Buffers {
         self.all.map(|buffer| u32::from(buffer.length))
     }
 
-    /// Whether anything is transmitted.
+    /// Whether there is process data.
     pub fn is_used(&self) -> bool {
         self.used > 0
     }
@@ -80,7 +81,7 @@ impl Buffers {
         usize::from(self.length)
     }
 
-    /// Where each buffer that is used begins, and its bytes in an image of so many.
+    /// For each used buffer: its start address, and its bytes in an image of `image` bytes.
     fn places(&self, image: usize) -> impl Iterator<Item = (u16, Range<usize>)> + '_ {
         let mut at = 0;
         let used = self.all.iter().take(usize::from(self.used));
@@ -92,7 +93,8 @@ impl Buffers {
     }
 }
 
-/// Where the process data lie. The images are the caller's: they lie behind the values of the dictionary.
+/// The places of the process data. The images belong to the caller and come after the values of the
+/// dictionary.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ProcessData {
     outputs: Buffers,
@@ -105,27 +107,28 @@ impl ProcessData {
         Self { outputs: Buffers::NONE, inputs: Buffers::NONE }
     }
 
-    /// Takes the buffers that the SyncManagers guard; their lengths were checked against the maximum. The images begin
-    /// with zeros.
+    /// Takes the buffers that the SyncManagers guard; their lengths were checked against the
+    /// maximum. The images start with zeros.
     pub fn start(&mut self, outputs: Buffers, inputs: Buffers, images: Images<'_>) {
         *self = Self { outputs, inputs };
         images.outputs.fill(0);
         images.inputs.fill(0);
     }
 
-    /// Nothing is exchanged any more.
+    /// Ends the exchange.
     pub fn stop(&mut self) {
         *self = Self::new();
     }
 
-    /// Fetches the outputs. One access of a whole buffer opens and closes it.
+    /// Reads the outputs. One access to a whole buffer opens and closes it.
     pub fn fetch_outputs(&self, image: &mut [u8], pdi: &mut impl Pdi) {
         for (start, bytes) in self.outputs.places(image.len()) {
             pdi.read(start, &mut image[bytes]);
         }
     }
 
-    /// Acknowledges outputs that nobody will use: the first byte opens a buffer, the last one closes it.
+    /// Acknowledges outputs that will not be used: the first byte opens a buffer, the last one
+    /// closes it.
     pub fn drop_outputs(&self, pdi: &mut impl Pdi) {
         for (start, bytes) in self.outputs.places(MAX_PROCESS_DATA) {
             let last = bytes.len().saturating_sub(1) as u16;
@@ -136,7 +139,7 @@ impl ProcessData {
         }
     }
 
-    /// Hands the inputs over. One access of a whole buffer opens and closes it.
+    /// Writes the inputs. One access to a whole buffer opens and closes it.
     pub fn store_inputs(&self, image: &[u8], pdi: &mut impl Pdi) {
         for (start, bytes) in self.inputs.places(image.len()) {
             pdi.write(start, &image[bytes]);
@@ -148,17 +151,17 @@ impl ProcessData {
         (self.outputs.lengths(), self.inputs.lengths())
     }
 
-    /// The outputs fetched last.
+    /// The outputs that were fetched last.
     pub fn outputs<'a>(&self, image: &'a [u8]) -> &'a [u8] {
         &image[..self.outputs.length().min(image.len())]
     }
 
-    /// A bit of the outputs fetched last; `None` beyond their end.
+    /// A bit of the outputs that were fetched last; `None` beyond their end.
     pub fn output_bit(&self, image: &[u8], at: u16) -> Option<bool> {
         self.outputs(image).get(usize::from(at / 8)).map(|byte| byte >> (at % 8) & 1 != 0)
     }
 
-    /// The inputs to be handed over.
+    /// The inputs to be written.
     pub fn inputs<'a>(&self, image: &'a mut [u8]) -> &'a mut [u8] {
         let length = self.inputs.length().min(image.len());
         &mut image[..length]

@@ -1,9 +1,9 @@
-//! What answers a request of the mailbox, by its protocol.
+//! The services that answer requests of the mailbox, by protocol.
 //!
-//! CoE and SoE have servers. A device may announce protocols that it has nothing for, as a virtual one does whose
-//! files, ports or ADS targets nobody wrote: it says so in the words of the protocol, or by a mailbox error where the
-//! protocol has none. A protocol that is not announced is answered with a mailbox error. Only a message that is itself
-//! an error, or an answer, gets none.
+//! CoE and SoE have servers. A device may announce protocols without having files, ports or ADS
+//! targets for them. It then answers with the error of the protocol, or with a mailbox error if the
+//! protocol has none. A protocol that is not announced is answered with a mailbox error. Only
+//! messages that are errors or answers themselves get no answer.
 
 use isocat_wire::mailbox::{ErrorDetail, Protocol};
 use isocat_wire::{aoe, eoe, foe};
@@ -20,18 +20,18 @@ pub(crate) struct Services {
 }
 
 impl Services {
-    /// No transfer is under way.
+    /// Services without a transfer.
     pub fn new() -> Self {
         Self { coe: coe::Server::new(), soe: soe::Server::new() }
     }
 
-    /// Forgets the transfer under way.
+    /// Drops the present transfer.
     pub fn reset(&mut self) {
         self.coe.reset();
         self.soe.reset();
     }
 
-    /// The protocol of which an answer goes on without a request.
+    /// The protocol whose last answer continues without a request.
     pub fn has_more(&self) -> Option<Protocol> {
         if self.coe.has_more() {
             Some(Protocol::COE)
@@ -40,7 +40,7 @@ impl Services {
         }
     }
 
-    /// The continuation of the last answer.
+    /// Continues the last answer.
     pub fn more<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
         &mut self,
         protocol: Protocol,
@@ -53,7 +53,7 @@ impl Services {
         }
     }
 
-    /// Answers a request; `request` and `reply` begin behind the mailbox header.
+    /// Answers a request; `request` and `reply` begin after the mailbox header.
     pub fn handle<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
         &mut self,
         protocol: Protocol,
@@ -66,7 +66,8 @@ impl Services {
         if announced & protocol.announcement() == 0 {
             return Outcome::Error(ErrorDetail::UNSUPPORTED_PROTOCOL);
         }
-        // Both servers keep what is long in one buffer: a request ends the transfer of the other one.
+        // Both servers keep long data in one buffer, so a request ends the transfer of the other
+        // server.
         match protocol {
             Protocol::COE => {
                 self.soe.reset();
@@ -84,7 +85,7 @@ impl Services {
     }
 }
 
-/// FoE of a device without files: nothing is found, nothing can be written.
+/// FoE of a device without files: no file is found, and none can be written.
 fn no_files(request: &[u8], reply: &mut [u8]) -> Outcome {
     let Some((head, _)) = request.split_first_chunk() else {
         return Outcome::Error(ErrorDetail::SIZE_TOO_SHORT);
@@ -92,7 +93,7 @@ fn no_files(request: &[u8], reply: &mut [u8]) -> Outcome {
     let code = match foe::Header::parse(head).opcode {
         foe::Opcode::READ => foe::ErrorCode::NOT_FOUND,
         foe::Opcode::WRITE => foe::ErrorCode::ACCESS_DENIED,
-        // An error wants no answer, least of all an error.
+        // An error needs no answer, in particular no error.
         foe::Opcode::ERROR => return Outcome::Silent,
         _ => foe::ErrorCode::ILLEGAL,
     };
@@ -100,7 +101,7 @@ fn no_files(request: &[u8], reply: &mut [u8]) -> Outcome {
     answer(&[&header.emit(), NO_FILES], reply)
 }
 
-/// EoE of a device without a port: settings are answered, frames have nowhere to go.
+/// EoE of a device without a port: settings are answered, frames are dropped.
 fn no_port(request: &[u8], reply: &mut [u8]) -> Outcome {
     let Some((head, _)) = request.split_first_chunk() else {
         return Outcome::Error(ErrorDetail::SIZE_TOO_SHORT);
@@ -120,7 +121,7 @@ fn no_port(request: &[u8], reply: &mut [u8]) -> Outcome {
     answer(&[&header.emit()], reply)
 }
 
-/// AoE of a device where nothing listens at any port.
+/// AoE of a device without a target at any port.
 fn no_target(request: &[u8], reply: &mut [u8]) -> Outcome {
     let Some((head, _)) = request.split_first_chunk() else {
         return Outcome::Error(ErrorDetail::SIZE_TOO_SHORT);
@@ -132,7 +133,8 @@ fn no_target(request: &[u8], reply: &mut [u8]) -> Outcome {
     answer(&[&header.failed(aoe::Header::NO_TARGET_PORT).emit()], reply)
 }
 
-/// Puts the parts of an answer one behind the other; what does not fit of the last one is cut off if it is a text.
+/// Writes the parts of an answer one after the other; the last part is truncated if it does not fit
+/// and is a text.
 fn answer(parts: &[&[u8]], reply: &mut [u8]) -> Outcome {
     let mut len = 0;
     for (number, part) in parts.iter().enumerate() {

@@ -1,4 +1,5 @@
-//! The SoE server: parameters of drives are read and written, in fragments where the mailbox is too short.
+//! The SoE server: parameters of drives are read and written, in fragments if the mailbox is too
+//! short.
 
 use isocat_wire::mailbox::ErrorDetail;
 use isocat_wire::soe::{Elements, ErrorCode, HEADER_LEN, Header, Opcode};
@@ -7,7 +8,7 @@ use crate::application::Application;
 use crate::coe::Outcome;
 use crate::objects::{MAX_TRANSFER, Objects};
 
-/// The server and the transfer under way. A new request ends an old transfer.
+/// The server and its present transfer. A new request ends the previous transfer.
 pub(crate) struct Server {
     transfer: Transfer,
 }
@@ -15,18 +16,18 @@ pub(crate) struct Server {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Transfer {
     Idle,
-    /// `buffer[done..total]` is still to be sent.
+    /// `buffer[done..total]` must still be sent.
     Upload {
         header: Header,
         done: usize,
         total: usize,
     },
-    /// `buffer[..done]` has come of a request of which fragments follow.
+    /// `buffer[..done]` was received of a request with further fragments.
     Download {
         drive: u8,
         elements: Elements,
         done: usize,
-        /// More came than there is room for.
+        /// Whether more was received than fits.
         too_long: bool,
     },
 }
@@ -37,7 +38,7 @@ impl Server {
         Self { transfer: Transfer::Idle }
     }
 
-    /// Forgets the transfer under way.
+    /// Drops the present transfer.
     pub fn reset(&mut self) {
         self.transfer = Transfer::Idle;
     }
@@ -115,8 +116,8 @@ impl Server {
         }
     }
 
-    /// Puts a piece of a request behind those that have come; gives the length of all once it is the last. A piece
-    /// with others behind it is not answered.
+    /// Appends a fragment of a request to the previous ones; returns the whole length after the
+    /// last fragment. A fragment with further ones after it is not answered.
     fn collect(
         &mut self,
         header: Header,
@@ -125,7 +126,7 @@ impl Server {
     ) -> Option<Result<usize, ErrorCode>> {
         let Header { drive, elements, .. } = header;
         let (before, mut too_long) = match self.transfer {
-            // Pieces of another request are not of this one.
+            // Fragments of another request do not belong to this one.
             Transfer::Download { drive: of, elements: what, done, too_long }
                 if (of, what) == (drive, elements) =>
             {

@@ -1,4 +1,4 @@
-//! The SubDevice: everything that runs on the local CPU behind the ESC's door.
+//! The SubDevice: everything that runs on the local CPU behind the ESC's PDI.
 
 use isocat_esc::{Pdi, PdiExt};
 use isocat_sync::{Event, Step};
@@ -19,24 +19,27 @@ use crate::services::Services;
 use crate::steps::Steps;
 use crate::sync_engine::{Chosen, Reaction, SyncEngine};
 
-/// A SubDevice: state machine, mailbox, dictionary, process data and sync engine around an application.
+/// A SubDevice: state machine, mailbox, dictionary, process data and sync engine, with an
+/// application.
 ///
-/// It reads no clock and is called in four ways, each with the present time of the device's own
+/// It reads no clock and is called in four ways, each with the present time of the device's
 /// oscillator:
 ///
-/// 1. [`poll`](Self::poll) is the main loop: AL control, SyncManager changes, mailbox, watchdog, timeouts.
-///    Call it when the AL event request is not zero, and at [`next_timeout`](Self::next_timeout).
-/// 2. [`handle_event`](Self::handle_event) is the interrupt. It decides which steps start and counts what
-///    came too late; it gives the steps with their delays and does none of them.
-/// 3. [`begin`](Self::begin) and [`finish`](Self::finish) frame each of those steps. On a chip both follow
-///    at once; a model of a CPU gives each its own instant. What ends at the instant of an event is
-///    told before the event.
-/// 4. [`state`](Self::state), [`status_code`](Self::status_code), [`sync`](Self::sync) show what it is at.
+/// 1. [`poll`](Self::poll) is the main loop: AL control, SyncManager changes, mailbox, watchdog,
+///    timeouts. Call it when the AL event request is not zero, and at
+///    [`next_timeout`](Self::next_timeout).
+/// 2. [`handle_event`](Self::handle_event) is the interrupt. It decides which steps start and
+///    counts late ones; it returns the steps with their delays but does not run them.
+/// 3. [`begin`](Self::begin) and [`finish`](Self::finish) enclose each of those steps. On a real
+///    device both follow at once; a model of a CPU gives each a separate instant. A step that ends
+///    at the instant of an event must be finished before the event.
+/// 4. [`state`](Self::state), [`status_code`](Self::status_code), [`sync`](Self::sync) return its
+///    state.
 ///
-/// [`power_off`](Self::power_off) takes it back to its beginning.
+/// [`power_off`](Self::power_off) resets it to its initial state.
 ///
-/// The dictionary's values, those of parameters and the images of the process data live in `S`, of at least
-/// [`Description::store_len`] bytes.
+/// The values of dictionary and parameters and the images of the process data are in `S`, which has
+/// at least [`Description::store_len`] bytes.
 pub struct SubDevice<A, S> {
     pub(crate) application: A,
     pub(crate) dictionary: Dictionary<S>,
@@ -47,19 +50,19 @@ pub struct SubDevice<A, S> {
     pub(crate) sync: SyncEngine,
     pub(crate) chosen: Chosen,
     pub(crate) station: u16,
-    /// When to ask the ESC again for what it does at the end of a frame.
+    /// When to read the ESC again for changes that it makes at the end of a frame.
     retry: Option<Time<Device>>,
     /// Until when a slow mailbox does not answer.
     answered_late: Option<Time<Device>>,
-    /// SM2 events so far, for a device that misses some.
+    /// Number of SM2 events so far, for a device that ignores some.
     sm2_events: u32,
     /// See [`Self::take_unacknowledged`].
     unacknowledged: bool,
 }
 
 impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
-    /// A SubDevice after power-on. The values of the dictionary are put into `store`, which is the
-    /// device's own and must be long enough. The description is copied, but for its objects.
+    /// A SubDevice after power-on. The values of the dictionary are in `store`, which belongs to
+    /// the device and must be long enough. The description is copied, except for its objects.
     pub fn new(description: &Description, store: S, application: A) -> Self {
         let dictionary = Dictionary::new(description, store);
         let mut sync = SyncEngine::new();
@@ -81,8 +84,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
-    /// The device is switched off: nothing is left but what [`new`](Self::new) would give it. Once it
-    /// has power again, the main loop goes on from there.
+    /// Switches the device off: it is then in the state after [`new`](Self::new). When it has power
+    /// again, call the main loop again.
     pub fn power_off(&mut self) {
         self.application.power_off();
         self.dictionary.reset();
@@ -100,15 +103,16 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.unacknowledged = false;
     }
 
-    /// What the device does wrong from now on. Without the feature `misbehaviour` it behaves.
+    /// The misbehaviours of the device from now on. Without the feature `misbehaviour` there are
+    /// none.
     pub fn misbehaviour_mut(&mut self) -> &mut Misbehaviours {
         self.dictionary.misbehaviour_mut()
     }
 
-    /// The application can't go on: from OP the device goes to SAFEOP, from there or below it stays, and it shows the error
-    /// with this code until that is acknowledged (registers 0x0130 and 0x0134). Without effect while it shows another error,
-    /// and on a device with device emulation, which has no program that could fail.
-    /// Outputs are in their safe state behind it.
+    /// Reports that the application cannot continue. The device goes from OP to SAFEOP, or stays in
+    /// a lower state, and shows the error with this code until it is acknowledged (registers 0x0130
+    /// and 0x0134). Outputs are then in their safe state. Without effect while the device shows
+    /// another error, and on a device with device emulation, which has no program.
     pub fn fail(&mut self, code: AlStatusCode, pdi: &mut impl Pdi) {
         if self.esm.error.is_some() || self.is_emulated() {
             return;
@@ -119,14 +123,14 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
-    /// The main loop: does all that waits and does not belong to the cycle. Cheap when nothing waits.
+    /// Runs the main loop: does all waiting work outside the cycle. It is fast if there is none.
     pub fn poll(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
         if self.is_emulated() {
             return self.follow(now, pdi);
         }
         let events = pdi.events();
         if events & al_event::AL_CONTROL != 0 {
-            // Reading AL control opens it for the next request.
+            // Reading AL control unlocks it for the next request.
             let control = pdi.load(register::AL_CONTROL);
             self.request(now, control, pdi);
         }
@@ -139,7 +143,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         if events & al_event::WATCHDOG != 0 {
             self.watchdog_expired(pdi);
         }
-        // Asked anew: a repetition has filled the mailbox that was read.
+        // The events are read again, because a repetition may have filled the read mailbox.
         let events = pdi.events();
         let held = self.mailbox.wants(events) && self.holds_mailbox(now);
         if self.mailbox.wants(events) && !held {
@@ -159,7 +163,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.retry = waits_for_esc.then(|| now + RETRY).or(self.answered_late.filter(|_| held));
     }
 
-    /// An interrupt: names the steps that start now, with their delays, and counts what came too late.
+    /// Handles an interrupt: returns the steps that start now, with their delays, and counts late
+    /// ones.
     pub fn handle_event(&mut self, now: Time<Device>, event: Event, pdi: &mut impl Pdi) -> Steps {
         if self.description().behaviour.faults().is_empty() {
             return self.react(now, event, pdi);
@@ -171,8 +176,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.delayed(steps)
     }
 
-    /// The same as [`handle_event`](Self::handle_event), for a caller with memory to spare: what an event started is kept in
-    /// `prepared`, and found there as long as it is the same.
+    /// As [`handle_event`](Self::handle_event), for a caller with enough memory: the steps of an
+    /// event are kept in `prepared`, and reused as long as they do not change.
     pub fn handle_event_prepared<'p>(
         &mut self,
         now: Time<Device>,
@@ -199,17 +204,18 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
-    /// Acknowledges a SYNC pulse: in acknowledge mode (0x0982 is 0) the signal stays active until then, and pulses that
-    /// are due before make no edge. [`handle_event`](Self::handle_event) does it by itself, unless the behaviour says
-    /// that it is [done later](crate::description::Behaviour::late_acknowledge).
+    /// Acknowledges a SYNC pulse. In acknowledge mode (0x0982 is 0) the signal stays active until
+    /// then, and pulses that are due before make no edge. [`handle_event`](Self::handle_event) does
+    /// this itself, unless the behaviour says
+    /// [later](crate::description::Behaviour::late_acknowledge).
     pub fn acknowledge_sync(&mut self, event: Event, pdi: &mut impl Pdi) {
         let first = event == Event::Sync0;
         let status = if first { register::SYNC0_STATUS } else { register::SYNC1_STATUS };
         let _status = pdi.load(status);
     }
 
-    /// Whether the event that was handled last is a SYNC pulse that the caller has to
-    /// [acknowledge](Self::acknowledge_sync). Asked once: then it is no longer.
+    /// Whether the last event is a SYNC pulse that the caller must
+    /// [acknowledge](Self::acknowledge_sync). The call resets it.
     #[inline]
     pub fn take_unacknowledged(&mut self) -> bool {
         core::mem::take(&mut self.unacknowledged)
@@ -228,11 +234,12 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
-    /// What is done before an event starts anything; whether outputs wait that it looks for. `None`: it starts nothing.
+    /// Prepares for an event before its steps start; returns whether outputs wait that the event
+    /// fetches. `None`: it starts no steps.
     #[inline]
     fn meet(&mut self, now: Time<Device>, event: Event, pdi: &mut impl Pdi) -> Option<bool> {
         let sync = matches!(event, Event::Sync0 | Event::Sync1);
-        // Below SAFEOP too: a pulse that nothing acknowledges is the last one.
+        // This also holds below SAFEOP: without an acknowledge there is no further pulse.
         if sync && self.must_acknowledge(pdi) {
             match self.description().behaviour.late_acknowledge {
                 true => self.unacknowledged = true,
@@ -243,7 +250,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             return None;
         }
         if sync {
-            // A pulse that was overdue must not hide that it was.
+            // A late pulse must not hide that it was late.
             self.supervise(now, pdi);
         }
         self.application.event(event);
@@ -251,8 +258,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         Some(looks && pdi.events() & self.output_event() != 0)
     }
 
-    /// Behind an event that was counted: whether its steps start. A pulse that ends OP starts no outputs any more; the next
-    /// one starts the cycle anew.
+    /// Whether the steps of a counted event start. A pulse that ends OP starts no outputs any more;
+    /// the next one starts the cycle again.
     #[inline]
     fn stays(&mut self, now: Time<Device>, event: Event, op: bool, pdi: &mut impl Pdi) -> bool {
         if !matches!(event, Event::Sync0 | Event::Sync1) {
@@ -266,7 +273,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         !fell
     }
 
-    /// Whether SYNC is in acknowledge mode. In the cycle, where time is short, the register is not read again.
+    /// Whether SYNC is in acknowledge mode. In the cycle the register is not read again, to save
+    /// time.
     #[inline]
     fn must_acknowledge(&self, pdi: &mut impl Pdi) -> bool {
         match self.esm.is_cyclic() && self.sync.mode().uses_dc() {
@@ -275,8 +283,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
-    /// A step starts: outputs are fetched from the ESC, outputs act, inputs are taken.
-    /// A step that no event started, or that a change of state ended, is ignored.
+    /// Begins a step: outputs are fetched from the ESC, outputs act, or inputs are latched. A step
+    /// that no event started, or that a change of state ended, is ignored.
     #[inline]
     pub fn begin(&mut self, now: Time<Device>, step: Step, pdi: &mut impl Pdi) {
         if !self.sync.begin(now, step) {
@@ -297,11 +305,11 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
-    /// A step has ended: outputs are ready, the application's work is done, inputs stand in the ESC.
-    /// A step that no event started, or that a change of state ended, is ignored.
+    /// Finishes a step: outputs are ready, the application's work is done, or inputs are in the
+    /// ESC. A step that no event started, or that a change of state ended, is ignored.
     ///
-    /// Outputs that end after the SYNC0 they were for are dropped: the application never sees them, so
-    /// that the outputs of one cycle never act in the next.
+    /// Outputs that are ready only after their SYNC0 are dropped: the application does not get
+    /// them, so that the outputs of one cycle never act in the next.
     #[inline]
     pub fn finish(&mut self, now: Time<Device>, step: Step, pdi: &mut impl Pdi) {
         if !self.sync.finish(now, step) {
@@ -329,11 +337,11 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         &mut self.application
     }
 
-    /// When the stack wants to be called without an event, the earliest of all reasons: the local
-    /// timer of Free Run, the timeouts of the state machine, and a look at what the ESC does only at the
-    /// end of a frame. At that instant call
-    /// [`handle_event`](Self::handle_event) with [`Event::Timer`] and then [`poll`](Self::poll): each does
-    /// only what is due. The instant changes with every call of the other methods.
+    /// When the stack must be called without an event: the earliest of the local timer of Free Run,
+    /// the timeouts of the state machine, and changes that the ESC makes only at the end of a
+    /// frame. At that instant call [`handle_event`](Self::handle_event) with [`Event::Timer`] and
+    /// then [`poll`](Self::poll): each does only what is due. The instant changes with every call
+    /// of the other methods.
     #[inline]
     pub fn next_timeout(&self) -> Option<Time<Device>> {
         let earliest = |one: Option<Time<Device>>, other: Option<Time<Device>>| match (one, other) {
@@ -353,7 +361,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.esm.state
     }
 
-    /// AL status code: why the error indication is set, or no error.
+    /// AL status code of the error indication, or no error.
     pub fn status_code(&self) -> AlStatusCode {
         self.esm.error.unwrap_or(AlStatusCode::NO_ERROR)
     }
@@ -368,7 +376,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         &self.application
     }
 
-    /// What is fixed about the device.
+    /// The fixed properties of the device.
     pub fn description(&self) -> &Description {
         self.dictionary.description()
     }
@@ -378,7 +386,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.station
     }
 
-    /// AL event of outputs that wait.
+    /// AL event of waiting outputs.
     fn output_event(&self) -> u32 {
         al_event::sync_manager(self.description().outputs.sync_manager.into())
     }
@@ -389,8 +397,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.process_data.store_inputs(image, pdi);
     }
 
-    /// SAFEOP is being entered: inputs stand in the buffer before the first frame fetches them, and
-    /// outputs that wait from before are not news.
+    /// Prepares for SAFEOP: inputs are in the buffer before the first frame fetches them, and
+    /// outputs that waited before are acknowledged.
     pub(crate) fn first_exchange(&mut self, pdi: &mut impl Pdi) {
         let faults = self.description().behaviour.faults();
         if self.sync.has_inputs() && !faults.contains(&Misbehaviour::NoFirstInputs) {
@@ -403,9 +411,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 }
 
-/// What a device that misbehaves does otherwise.
+/// The effects of misbehaviours.
 impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
-    /// Whether an event goes by unnoticed.
+    /// Whether an event is ignored.
     fn overlooks(&mut self, event: Event, pdi: &mut impl Pdi) -> bool {
         let mut every = 0;
         for fault in self.description().behaviour.faults() {
@@ -432,7 +440,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         missed
     }
 
-    /// The steps of an event, as late as the device does them.
+    /// The steps of an event, with the delays of a late device.
     fn delayed(&self, steps: Steps) -> Steps {
         let (mut copy, mut rest) = (Nanos::ZERO, Nanos::ZERO);
         for fault in self.description().behaviour.faults() {
@@ -450,7 +458,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         delayed
     }
 
-    /// Whether what waits in the mailbox has to wait longer.
+    /// Whether requests in the mailbox must wait longer.
     fn holds_mailbox(&mut self, now: Time<Device>) -> bool {
         let late =
             misbehaviour::number(self.description().behaviour.faults(), |fault| match *fault {
@@ -462,7 +470,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 }
 
-/// What an event starts that starts nothing.
+/// The steps of an event that starts none.
 static NOTHING: Steps = Steps::EMPTY;
-/// How soon the ESC is asked again: a long frame takes 120 us, a short one 7 us.
+/// Time until the ESC is read again: a long frame takes 120 us, a short one 7 us.
 const RETRY: Nanos = Nanos::micros(10);

@@ -1,4 +1,4 @@
-//! What an event starts: a short list of steps, each with its delay.
+//! The steps that an event starts: a short list, each with its delay.
 
 use isocat_sync::Step;
 use isocat_wire::Nanos;
@@ -7,12 +7,13 @@ use isocat_wire::Nanos;
 pub const MAX_STEPS: usize = Step::ALL.len();
 
 /// The steps that one event starts, each with the time from the event until it is due, ns, in the
-/// order in which they are due.
+/// order of their due times.
 ///
-/// [`Step::MapOutputs`], [`Step::Application`] and [`Step::MapInputs`] need the CPU: they run one after
-/// another in this order, none before it is due. [`Step::OutputsValid`] and [`Step::LatchInputs`] are acts
-/// of the output stage and of the converters: with a delay, or as the first of the list, they happen at
-/// the event + delay whatever the CPU does; without a delay behind other steps they follow those.
+/// [`Step::MapOutputs`], [`Step::Application`] and [`Step::MapInputs`] need the CPU: they run one
+/// after another in this order, none before it is due. [`Step::OutputsValid`] and
+/// [`Step::LatchInputs`] are actions of the output stage and of the converters. With a delay, or as
+/// the first of the list, they happen at the event + delay, independent of the CPU; without a delay
+/// they follow the steps before them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Steps {
     list: [(Step, Nanos); MAX_STEPS],
@@ -20,14 +21,14 @@ pub struct Steps {
 }
 
 impl Steps {
-    /// Nothing starts.
+    /// No steps.
     pub const EMPTY: Self = Self { list: [(Step::MapOutputs, Nanos::ZERO); MAX_STEPS], len: 0 };
 
-    /// Adds a step behind all that are due no later. No step starts twice from one event, so the list
-    /// holds them all.
+    /// Inserts a step after all that are due no later. An event starts no step twice, so the list
+    /// always has enough space.
     pub fn push(&mut self, step: Step, delay: Nanos) {
         let mut at = self.len;
-        // Most are pushed in order: nothing moves.
+        // Most steps are pushed in order, so that none moves.
         while at > 0 && self.list[at - 1].1 > delay {
             self.list[at] = self.list[at - 1];
             at -= 1;
@@ -46,12 +47,12 @@ impl Steps {
         self.as_slice().iter().copied()
     }
 
-    /// How many steps start.
+    /// Number of steps.
     pub const fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether nothing starts.
+    /// Whether there are no steps.
     pub const fn is_empty(&self) -> bool {
         self.len == 0
     }

@@ -1,4 +1,4 @@
-//! The sync engine: which event starts which steps, and what is counted when one comes too late.
+//! The sync engine: the steps that each event starts, and the counters of late ones.
 
 use isocat_sync::object::{ERROR_SETTINGS, INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::{Chain, Event, Step, SyncMode};
@@ -13,7 +13,7 @@ use crate::missed::MissedCounter;
 use crate::prepared::{Begins, Prepared};
 use crate::steps::Steps;
 
-/// The synchronization of a SubDevice: mode, counters and what is under way in the present cycle.
+/// The synchronization of a SubDevice: mode, counters and the steps of the present cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct SyncEngine {
     setup: Setup,
@@ -23,45 +23,46 @@ pub struct SyncEngine {
     cycle_time_too_small: u16,
     shift_time_too_short: u16,
     toggle_failed: u16,
-    /// The toggle bit of the outputs that were fetched last.
+    /// The toggle bit of the outputs that were last fetched.
     toggle: Option<bool>,
     measurement: Measurement,
-    /// One bit a step: started by an event and not yet finished.
+    /// One bit for each step that an event started and that has not ended.
     running: u8,
-    /// Since the pulse that outputs are for: they are ready, or (without outputs) the inputs were read.
+    /// Whether outputs became ready (or, without outputs, inputs were read) since the last pulse at
+    /// which they must be.
     updated: bool,
-    /// The pulse that outputs are for came while they were still being mapped: they missed their cycle.
+    /// Whether outputs were still being mapped at their pulse: they missed their cycle.
     late: bool,
-    /// Outputs came since SAFEOP was entered; without outputs: the inputs were read.
+    /// Whether outputs came (or, without outputs, inputs were read) since SAFEOP was entered.
     received: bool,
     last_sync0: Option<Time<Device>>,
     last_sync1: Option<Time<Device>>,
-    /// SYNC0 pulses since the last SYNC1.
+    /// Number of SYNC0 pulses since the last SYNC1.
     sub_cycle: u32,
     timer: Option<Time<Device>>,
-    /// Until when the next SYNC pulses must come: see [`Self::sync_deadline`].
+    /// When the next SYNC pulses must have come: see [`Self::sync_deadline`].
     deadline: Option<Time<Device>>,
-    /// Counts what may have changed the steps that an event starts; it wraps.
+    /// Changes whenever the steps of an event may have changed; it wraps.
     version: u32,
 }
 
 /// How the device is synchronized, as found at PREOP to SAFEOP.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Setup {
-    /// What each event starts; the mode and whether outputs are transmitted.
+    /// The steps of each event, the mode, and whether outputs are transmitted.
     pub chain: Chain,
-    /// SYNC0 cycle with DC, else the cycle that the MainDevice stated; zero if unknown.
+    /// SYNC0 cycle with DC, otherwise the cycle that the MainDevice stated; zero if unknown.
     pub cycle: Nanos,
-    /// Register 0x09A4: from a SYNC0 to SYNC1. Zero if SYNC1 is not used.
+    /// Register 0x09A4, time from a SYNC0 to SYNC1. Zero if SYNC1 is not used.
     pub sync1: Nanos,
-    /// Inputs are transmitted.
+    /// Whether inputs are transmitted.
     pub has_inputs: bool,
-    /// SYNC pulses stay active until their status is read.
+    /// Whether SYNC pulses stay active until their status is read.
     pub acknowledge_sync: bool,
 }
 
 impl Setup {
-    /// SYNC0 pulses in the cycle of SYNC1.
+    /// Number of SYNC0 pulses in the cycle of SYNC1.
     fn sub_cycles(&self) -> u32 {
         let count = self.sync1.0.checked_div(self.cycle.0).unwrap_or(0) + 1;
         u32::try_from(count).unwrap_or(u32::MAX)
@@ -73,7 +74,7 @@ impl Setup {
     }
 }
 
-/// Which entries of the sync objects the MainDevice wrote since PREOP was entered.
+/// The entries of the sync objects that the MainDevice wrote since PREOP was entered.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Chosen {
     /// 0x1C32:01.
@@ -85,13 +86,13 @@ pub(crate) struct Chosen {
 }
 
 impl Chosen {
-    /// Neither type was written: it follows the SYNC unit.
+    /// Whether neither type was written, so that it follows the SYNC unit.
     pub const fn nothing(self) -> bool {
         !self.output_type && !self.input_type
     }
 }
 
-/// What the engine takes from the dictionary. All times in ns.
+/// The engine's settings from the dictionary. All times in ns.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 struct Settings {
     /// 0x1C32:09.
@@ -112,12 +113,12 @@ struct Settings {
     rule: MissedEvents,
 }
 
-/// What an event asks of the stack.
+/// The stack's task after an event.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Reaction {
-    /// These steps start.
+    /// Start these steps.
     Start(Steps),
-    /// Outputs came while the last ones are still in work: they are acknowledged and dropped.
+    /// Acknowledge and drop outputs that came while the last ones were still in work.
     Drop,
 }
 
@@ -147,12 +148,12 @@ impl SyncEngine {
         }
     }
 
-    /// The same after power-off: what was prepared for this one holds for the new one no longer.
+    /// The engine after power-off: the steps that were prepared for this one are no longer valid.
     pub(crate) fn renewed(&self) -> Self {
         Self { version: self.version.wrapping_add(1), ..Self::new() }
     }
 
-    /// SAFEOP is entered: the cycle begins, all counters at 0.
+    /// Starts the cycle at SAFEOP, with all counters at 0.
     pub(crate) fn start(&mut self, now: Time<Device>, setup: Setup) {
         self.clear();
         self.setup = setup;
@@ -163,12 +164,12 @@ impl SyncEngine {
         }
     }
 
-    /// SAFEOP is left downwards: nothing runs, all counters at 0.
+    /// Stops the cycle below SAFEOP, with all counters at 0.
     pub(crate) fn stop(&mut self) {
         self.clear();
     }
 
-    /// Nothing runs, all counters at 0; what was measured stays.
+    /// Stops everything and clears all counters; measured times are kept.
     fn clear(&mut self) {
         *self = Self {
             setup: self.setup,
@@ -180,7 +181,7 @@ impl SyncEngine {
         };
     }
 
-    /// What a device does that does not clear its counters.
+    /// Restores the counters, for a device that does not clear them.
     pub(crate) fn keep_counters(&mut self, before: &Self) {
         self.missed = before.missed;
         self.cycle_time_too_small = before.cycle_time_too_small;
@@ -188,12 +189,12 @@ impl SyncEngine {
         self.toggle_failed = before.toggle_failed;
     }
 
-    /// OP is asked for: the missed events so far do not count.
+    /// Called when OP is requested: earlier missed events do not count.
     pub(crate) fn clear_missed(&mut self) {
         self.missed.clear();
     }
 
-    /// Command of sub-index 08, bit 1: all error counters at 0.
+    /// Command of sub-index 08, bit 1: clears all error counters.
     pub(crate) fn reset_counters(&mut self) {
         self.missed.clear();
         self.cycle_time_too_small = 0;
@@ -201,7 +202,7 @@ impl SyncEngine {
         self.toggle_failed = 0;
     }
 
-    /// Command of sub-index 08, bit 0: times are measured anew, or no more.
+    /// Command of sub-index 08, bit 0: starts a new measurement, or stops it.
     pub(crate) fn measure(&mut self, on: bool) {
         self.measurement.switch(on);
     }
@@ -236,7 +237,8 @@ impl SyncEngine {
         self.version = self.version.wrapping_add(1);
     }
 
-    /// An event came. `new_outputs`: the SM2 buffer holds outputs not yet fetched; `op`: outputs act.
+    /// Handles an event. `new_outputs`: whether the SM2 buffer has outputs that were not fetched;
+    /// `op`: whether outputs act.
     pub(crate) fn react(
         &mut self,
         now: Time<Device>,
@@ -257,7 +259,8 @@ impl SyncEngine {
         }
     }
 
-    /// The same, where the steps may be known from an earlier cycle. `None`: the outputs that came are dropped.
+    /// The same with steps that may be known from an earlier cycle. `None`: the new outputs are
+    /// dropped.
     pub(crate) fn react_prepared<'p>(
         &mut self,
         now: Time<Device>,
@@ -283,7 +286,8 @@ impl SyncEngine {
         }
     }
 
-    /// Counts and measures what an event tells; whether it is the last SYNC0 before SYNC1. `None`: it starts nothing.
+    /// Counts and measures an event; returns whether it is the last SYNC0 before SYNC1. `None`: it
+    /// starts no steps.
     #[inline]
     fn note(
         &mut self,
@@ -301,7 +305,8 @@ impl SyncEngine {
                     _ => return None,
                 }
                 if self.running != 0 {
-                    // Not bound to the bus: the present pass ends, this tick is left out.
+                    // Free Run is not bound to the bus: the present pass ends, and this tick is
+                    // skipped.
                     return None;
                 }
                 self.measurement.cycle_begins(now);
@@ -333,7 +338,7 @@ impl SyncEngine {
         Some(last_sync0)
     }
 
-    /// Starts the steps of an event, unless one of them has not ended since it was started last.
+    /// Starts the steps of an event, unless one of them has not ended since its last start.
     #[inline]
     fn take_up(&mut self, now: Time<Device>, begins: &Begins) -> bool {
         if self.running & begins.wants != 0 {
@@ -350,20 +355,20 @@ impl SyncEngine {
         true
     }
 
-    /// The steps that the last SYNC0 started are not done; outputs in work are.
+    /// Drops the steps that the last SYNC0 started, except the mapping of outputs.
     pub(crate) fn abandon(&mut self) {
         self.running &= bit(Step::MapOutputs);
     }
 
-    /// A step begins. `false` if no event started it.
+    /// Begins a step. Returns `false` if no event started it.
     pub(crate) fn begin(&mut self, now: Time<Device>, step: Step) -> bool {
         if !self.is_running(step) {
             return false;
         }
         self.measurement.begins(now, step);
-        // Where SYNC0 fetches them, outputs have a fixed time to get ready, and act when it is
-        // over. Where they act at SYNC1 that pulse has looked already, and those in work are the
-        // next ones.
+        // If SYNC0 fetches them, outputs have a fixed time to become ready, and act at its end. If
+        // they act at SYNC1, that pulse has already checked them, and outputs in work are the next
+        // ones.
         let polled =
             self.setup.chain.looks_for_outputs(Event::Sync0) && self.mode() != SyncMode::DcSync1;
         if step == Step::OutputsValid && polled && self.is_running(Step::MapOutputs) && !self.late {
@@ -373,7 +378,7 @@ impl SyncEngine {
         true
     }
 
-    /// A step has ended. `false` if it was not under way.
+    /// Finishes a step. Returns `false` if it was not started.
     pub(crate) fn finish(&mut self, now: Time<Device>, step: Step) -> bool {
         let was_running = self.is_running(step);
         self.running &= !bit(step);
@@ -383,14 +388,15 @@ impl SyncEngine {
         was_running
     }
 
-    /// The outputs are mapped. `false` if they missed the SYNC0 they were for.
+    /// Called when the outputs are mapped. Returns `false` if they missed their SYNC0.
     pub(crate) fn outputs_ready(&mut self) -> bool {
         let in_time = !core::mem::take(&mut self.late);
         self.updated |= in_time;
         in_time
     }
 
-    /// Outputs were fetched from the SM2 buffer; `toggle`: the bit in them that ought to change with each.
+    /// Called when outputs were fetched from the SM2 buffer; `toggle`: the bit in them that should
+    /// change each time.
     pub(crate) fn outputs_fetched(&mut self, toggle: Option<bool>) {
         self.received = true;
         if toggle.is_some() && self.toggle == toggle {
@@ -404,7 +410,7 @@ impl SyncEngine {
         self.running & bit(step) != 0
     }
 
-    /// Whether outputs came since SAFEOP was entered (without outputs: the inputs were read).
+    /// Whether outputs came (or, without outputs, inputs were read) since SAFEOP was entered.
     pub(crate) fn received(&self) -> bool {
         self.received
     }
@@ -414,18 +420,18 @@ impl SyncEngine {
         self.mode().uses_dc() && self.missed.exceeded(self.settings.rule, self.settings.limit)
     }
 
-    /// Whether each SYNC signal in use was ever seen since SAFEOP was entered.
+    /// Whether each used SYNC signal has come since SAFEOP was entered.
     pub(crate) fn sync_seen(&self) -> bool {
         self.last_sync0.is_some() && (self.last_sync1.is_some() || !self.mode().uses_sync1())
     }
 
-    /// Until when the next pulse of each SYNC signal must come; `None` before the first and without
-    /// supervision.
+    /// When the next pulse of each SYNC signal must have come; `None` before the first pulse and
+    /// without supervision.
     pub(crate) fn sync_deadline(&self) -> Option<Time<Device>> {
         self.deadline
     }
 
-    /// A SYNC pulse came: the next ones have their time.
+    /// Sets the time of the next pulses, after a SYNC pulse.
     fn expect_sync(&mut self) {
         let Setup { cycle, sync1, .. } = self.setup;
         let sync0 = self.last_sync0.zip(supervision_time(cycle)).map(|(last, t)| last + t);
@@ -437,7 +443,7 @@ impl SyncEngine {
         };
     }
 
-    /// When the local timer is due; Free Run in SAFEOP and OP only.
+    /// When the local timer is due; only with Free Run in SAFEOP and OP.
     pub(crate) fn timer(&self) -> Option<Time<Device>> {
         self.timer
     }
@@ -447,23 +453,23 @@ impl SyncEngine {
         self.setup.acknowledge_sync
     }
 
-    /// Whether outputs are looked for at this event.
+    /// Whether this event checks for outputs.
     pub(crate) fn looks_for_outputs(&self, event: Event) -> bool {
         self.setup.chain.looks_for_outputs(event)
     }
 
-    /// The mode in use, or last used.
+    /// The present mode, or the last one.
     pub fn mode(&self) -> SyncMode {
         self.setup.chain.mode
     }
 
-    /// What each event starts, or last started.
+    /// The steps of each event, present or last.
     pub fn chain(&self) -> Chain {
         self.setup.chain
     }
 
-    /// From one run of the application to the next, ns: [`Self::cycle`], or where the application runs
-    /// once in several SYNC0 cycles, the cycle of SYNC1.
+    /// Time from one run of the application to the next, ns: [`Self::cycle`], or if the application
+    /// runs once in several SYNC0 cycles, the cycle of SYNC1.
     pub(crate) fn application_cycle(&self) -> Nanos {
         let setup = &self.setup;
         if setup.chain.mode == SyncMode::DcSubordinated && setup.chain.application_on_sync1 {
@@ -493,32 +499,36 @@ impl SyncEngine {
         self.missed.count()
     }
 
-    /// 0x1C32:0C: a cycle was not finished when the next began. The same in 0x1C33. Saturates.
+    /// 0x1C32:0C: number of cycles that were not finished when the next began. The same in 0x1C33.
+    /// Saturates.
     pub fn cycle_time_too_small(&self) -> u16 {
         self.cycle_time_too_small
     }
 
-    /// 0x1C32:0D: the shift is shorter than the hardware's delay. The same in 0x1C33. Saturates.
+    /// 0x1C32:0D: number of cycles with a shift shorter than the hardware's delay. The same in
+    /// 0x1C33. Saturates.
     pub fn shift_time_too_short(&self) -> u16 {
         self.shift_time_too_short
     }
 
-    /// 0x1C32:0E: outputs came whose toggle bit had not changed. The same in 0x1C33. Saturates.
+    /// 0x1C32:0E: number of outputs whose toggle bit had not changed. The same in 0x1C33.
+    /// Saturates.
     pub fn toggle_failed(&self) -> u16 {
         self.toggle_failed
     }
 
-    /// 0x1C32:20: too many events missed, or a cycle not finished. The same in 0x1C33.
+    /// 0x1C32:20: whether too many events were missed, or a cycle was not finished. The same in
+    /// 0x1C33.
     pub fn sync_error(&self) -> bool {
         self.missed.count() > self.settings.limit || self.cycle_time_too_small > 0
     }
 
-    /// SYNC0 pulses in OP that came without their event, since power-on; nothing resets it.
+    /// Number of SYNC0 pulses in OP without their event, since power-on; it is never reset.
     pub fn missed_events_total(&self) -> u64 {
         self.missed_total
     }
 
-    /// The value of a sub-index of 0x1C32 or 0x1C33 that the engine counts itself.
+    /// The value of a sub-index of 0x1C32 or 0x1C33 that the engine counts.
     pub(crate) fn counter(&self, address: ObjectAddress) -> Option<u32> {
         if address.index != OUTPUT_PARAMETER && address.index != INPUT_PARAMETER {
             return None;
@@ -534,11 +544,11 @@ impl SyncEngine {
         })
     }
 
-    /// What was measured of a quantity that the device states as 0.
+    /// The measured value of a time that the device states as 0.
     pub(crate) fn measured(&self, address: ObjectAddress) -> Option<u32> {
-        // Only without DC is the cycle the device's to measure.
+        // The cycle is only measured without DC.
         let own = address.sub != sub::CYCLE_TIME || !self.mode().uses_dc();
-        // A time that a timer makes longer is not that of the hardware.
+        // A time that a timer extends is not that of the hardware.
         let shift = match address.index {
             OUTPUT_PARAMETER => self.settings.output_shift,
             _ => self.settings.input_shift,
@@ -547,7 +557,7 @@ impl SyncEngine {
         self.measurement.value(address).filter(|_| own && !shifted)
     }
 
-    /// A SYNC0 pulse; tells whether it is the last before SYNC1.
+    /// Takes a SYNC0 pulse; returns whether it is the last one before SYNC1.
     fn sync0(&mut self, now: Time<Device>, new_outputs: bool, op: bool) -> bool {
         self.last_sync0 = Some(now);
         self.expect_sync();
@@ -559,7 +569,7 @@ impl SyncEngine {
             return last;
         }
         if self.setup.chain.looks_for_outputs(Event::Sync0) {
-            // That the last ones got ready says nothing of these.
+            // Only the outputs of this SYNC0 count, not those before it.
             self.updated = new_outputs;
         }
         self.expect_outputs(op);
@@ -572,7 +582,7 @@ impl SyncEngine {
         self.measurement.sync1(now);
         self.sub_cycle = 0;
         if self.mode() == SyncMode::DcSync1 && self.is_running(Step::MapOutputs) {
-            // SYNC1 is too near to the SYNC0 at which they were fetched.
+            // SYNC1 comes too soon after the SYNC0 at which they were fetched.
             self.late = true;
             increment(&mut self.shift_time_too_short);
         }
@@ -582,7 +592,7 @@ impl SyncEngine {
         }
     }
 
-    /// The pulse that outputs are for: they must be ready.
+    /// Takes the pulse at which outputs must be ready.
     fn expect_outputs(&mut self, op: bool) {
         // Outputs that are still being mapped, or wait for it, have missed this pulse.
         self.late = self.is_running(Step::MapOutputs)
@@ -595,7 +605,7 @@ impl SyncEngine {
         }
     }
 
-    /// What an event starts if nothing of it is under way.
+    /// The steps that an event starts if none of them is running.
     fn begins(&self, event: Event, last_sync0: bool, new_outputs: bool, op: bool) -> Begins {
         let chain = self.setup.chain;
         let steps = chain.steps(event);
@@ -605,7 +615,7 @@ impl SyncEngine {
         let mut started = Steps::EMPTY;
         let looks = self.setup.chain.looks_for_outputs(event);
         let mut too_short = false;
-        // The latch goes before what the same pulse starts, the mapping behind it.
+        // The latch comes before the steps of the same pulse, the mapping of inputs after them.
         let (latch, mapping) = besides.split_at(besides.len().min(1));
         for &step in latch.iter().chain(steps).chain(mapping) {
             let delay = match step {
@@ -631,21 +641,21 @@ impl SyncEngine {
         Begins { steps: started, wants, starts, too_short }
     }
 
-    /// From a SYNC pulse to Outputs Valid, and whether the shift that was asked for is too short for the
-    /// device. The hardware can't act before its delay is over.
+    /// Time from a SYNC pulse to Outputs Valid, and whether the written shift is too short for the
+    /// device. The hardware cannot act before its delay is over.
     fn output_delay(&self, event: Event) -> (Nanos, bool) {
         let settings = &self.settings;
         let polled = self.setup.chain.looks_for_outputs(event);
         let copy = if polled { settings.calc_and_copy } else { Nanos::ZERO };
         let least = copy + settings.output_delay;
-        // SYNC1 is the shift, where outputs act at it; with subordinated cycles it is the pulse of
+        // If outputs act at SYNC1, SYNC1 is the shift; with subordinated cycles it is the pulse of
         // the cycle.
         let by_sync1 = event == Event::Sync1 && self.mode() != SyncMode::DcSubordinated;
         let shift = if by_sync1 { Nanos::ZERO } else { settings.output_shift };
         (shift.max(least), shift > Nanos::ZERO && shift < least)
     }
 
-    /// From an event to Input Latch, and whether the shift is too short for the device.
+    /// Time from an event to Input Latch, and whether the shift is too short for the device.
     fn latch_delay(&self, event: Event) -> (Nanos, bool) {
         let settings = &self.settings;
         match (self.mode(), event) {
@@ -671,8 +681,8 @@ impl SyncEngine {
     }
 }
 
-/// How long SYNC0 may stay away: counted by a tick of 1 ms, 1 tick below 500 us, else a fifth of the
-/// cycle in 100 us; the tick in which the last pulse came is not counted. `None`: no supervision.
+/// How long SYNC0 may be missing, in ticks of 1 ms: 1 tick below 500 us, otherwise a fifth of the
+/// cycle in 100 us; the tick of the last pulse is not counted. `None`: no supervision.
 fn supervision_time(cycle: Nanos) -> Option<Nanos> {
     let ticks = match cycle.0 {
         ..=0 => return None,
@@ -682,7 +692,7 @@ fn supervision_time(cycle: Nanos) -> Option<Nanos> {
     Some(Nanos(TICK.0 * (ticks + 1)))
 }
 
-/// The same for SYNC1: with subordinated cycles it comes more rarely than SYNC0.
+/// The same for SYNC1, which comes more rarely than SYNC0 with subordinated cycles.
 fn supervision_time_sync1(sync0: Nanos, sync1: Nanos) -> Option<Nanos> {
     let of_sync0 = supervision_time(sync0)?;
     if sync1 < sync0 {
@@ -706,7 +716,7 @@ fn error_limit<S: AsRef<[u8]> + AsMut<[u8]>>(
         .saturating_add(more.unwrap_or(0))
 }
 
-/// What an event starts that starts nothing.
+/// The steps of an event that starts none.
 static NOTHING: Steps = Steps::EMPTY;
 
 fn bit(step: Step) -> u8 {
@@ -719,7 +729,8 @@ fn increment(counter: &mut u16) {
 
 /// The tick by which the Slave Stack Code supervises SYNC.
 const TICK: Nanos = Nanos::millis(1);
-/// Shortest period of the local timer: a stated cycle of a few ns would leave no time for anything.
+/// Shortest period of the local timer: a stated cycle of a few ns would leave no time for other
+/// work.
 const SHORTEST_PERIOD: Nanos = Nanos::micros(1);
 /// Sub-index of 0x10F1 with the limit of the sync error counter.
 const SYNC_ERROR_LIMIT: u8 = 2;
@@ -742,7 +753,7 @@ mod tests {
     #[test]
     fn a_device_of_the_stack_stays_small() {
         use core::mem::size_of;
-        // A microcontroller carries no list of what it does wrong.
+        // A microcontroller needs no list of misbehaviours.
         let size = size_of::<crate::SubDevice<(), [u8; 0]>>() - size_of::<crate::Misbehaviours>();
         assert!((3_500..4_600).contains(&size), "{size} bytes without the values");
     }

@@ -1,4 +1,4 @@
-//! Arbitrary mailbox messages and SDO requests. The fuzz targets in `fuzz/` tell the same stories.
+//! Arbitrary mailbox messages and SDO requests, as in the fuzz targets in `fuzz/`.
 
 mod checking;
 

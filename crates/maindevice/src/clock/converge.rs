@@ -1,4 +1,5 @@
-//! Drives the drift loops until clocks have converged: all of them on the way up, or one that joins.
+//! Drives the drift loops until clocks have converged: all clocks during bring-up, or one that
+//! joins.
 
 use alloc::vec::Vec;
 
@@ -17,12 +18,13 @@ use crate::error::Cause;
 use crate::link::Link;
 use crate::segment::{Segment, SubDevice};
 
-/// Drives the drift loop until every clock has converged: a stream of FRMW, several in flight, with
-/// a look at 0x092C of all clocks now and then.
+/// Drives the drift loop until every clock has converged: it sends a stream of FRMW frames, several
+/// in flight, and reads 0x092C of all clocks at intervals.
 ///
-/// A burst locks them. Slower frames follow where the cycle's own drift datagrams come much more seldom, as they teach the
-/// speed well enough for that, and where a burst does not do: jitter of hops goes round in a few milliseconds, and a loop
-/// that is led faster than that takes it for drift.
+/// A burst locks the clocks. Slower frames follow in two cases. If the drift datagrams of the cycle
+/// come much more seldom, slower frames teach the speed well enough for them. If hops jitter, a
+/// burst does not suffice: the jitter recurs within a few milliseconds, and a loop driven faster
+/// than that takes it for drift.
 pub(super) async fn converge(
     link: &Link,
     config: &Config,
@@ -72,7 +74,7 @@ pub(super) async fn converge(
     Ok(())
 }
 
-/// What leading the clocks came to.
+/// The result of driving the clocks.
 enum Led {
     Converged,
     /// The worst clock, and its slope.
@@ -82,8 +84,8 @@ enum Led {
     },
 }
 
-/// Leads all clocks by one drift frame each `pace` until every clock has converged, and by `least`
-/// frames at least; until `end` at the latest. `noise` is what 0x092C shows of the jitter, by
+/// Sends one drift frame each `pace` until every clock has converged and at least `least` frames
+/// are sent, but no longer than until `end`. `noise` is the share of 0x092C that jitter causes, by
 /// position (1 sigma).
 async fn lead(
     link: &Link,
@@ -133,11 +135,11 @@ async fn lead(
     }
 }
 
-/// Clocks lock in half a second of a burst as a rule. One that has not by then has time: a clock that never comes into step,
-/// whatever it is led by, must not take the wire for as long as it is waited for.
+/// Time of a burst after which the pace is slower. Clocks usually lock within half a second of a
+/// burst. A clock that never locks must not load the wire for the whole time allowed.
 const HURRY: Nanos = Nanos(2_000_000_000);
 
-/// The pace of drift frames then, and where hops jitter.
+/// The pace of drift frames after that time, and where hops jitter.
 const SLOW_PACE: Nanos = Nanos(1_000_000);
 
 /// Drift frames from one reading to the next.
@@ -160,8 +162,9 @@ fn worst(
         .unwrap_or((0, 0))
 }
 
-/// Waits until a clock has converged, led by the drift datagram of the cycle and, as a loop pulls by so much for
-/// each, by more of them. `noise` is what 0x092C shows of the way to it (1 sigma); `filter` becomes its 0x0934.
+/// Waits until a clock has converged. The drift datagrams of the cycle drive it, and additional
+/// drift frames, since a loop corrects a fixed amount for each frame. `noise` is the share of
+/// 0x092C that jitter on its way causes (1 sigma); `filter` becomes its 0x0934.
 pub(crate) async fn follow(
     link: &Link,
     config: &Config,
@@ -202,14 +205,14 @@ pub(crate) async fn follow(
     }
 }
 
-/// Most drift frames at the slower pace where a burst has locked the clocks already.
+/// Most drift frames at the slower pace, if a burst has already locked the clocks.
 const MOST_LEARNING: i64 = 512;
 
-/// The same where hops jitter: each frame takes a 1024th off what the burst left of it.
+/// The same where hops jitter: each frame removes 1/1024 of the error that the burst left.
 const MOST_SETTLING: i64 = 4096;
 
-/// Drift frames at the slower pace: what a filter of speeds of the usual depth, a mean over 64, held before is forgotten to
-/// an eighth.
+/// Drift frames at the slower pace: after these a speed filter of the usual depth, a mean over 64,
+/// keeps an eighth of its earlier content.
 const LEARNING_FRAMES: i64 = 128;
-/// Drift frames go out for at least so many times as long as a reading of all clocks takes.
+/// The time for drift frames is at least this multiple of the time that reading all clocks takes.
 const PULLING_PER_READING: i64 = 3;

@@ -1,4 +1,4 @@
-//! Drift frames beside those of the cycle, and what 0x092C shows of them.
+//! Drift frames in addition to those of the cycle, and what 0x092C shows of them.
 
 use alloc::vec::Vec;
 use core::future::Future;
@@ -20,10 +20,11 @@ use crate::error::AccessError;
 use crate::link::{Exchange, Link, Travel};
 use crate::segment::Segment;
 
-/// One drift frame, alone as a loop takes one value a frame, and once as a repetition would bring another time.
+/// One drift frame. It travels alone since a loop takes one value for each frame, and it is not
+/// repeated since a repetition would bring another time.
 ///
-/// The reference reads its time over what is sent. Where it is gone, the clocks behind it compare themselves with that:
-/// the host's guess is near, zeros would pull them away.
+/// The reference clock overwrites the time that is sent. If the reference is absent, the clocks
+/// behind it use the time that was sent: the host's estimate is near, zeros would pull them away.
 pub(super) fn drift_frame(link: &Link, reference: StationAddress) -> Exchange {
     let address = Address::Station(reference, register::SYSTEM_TIME.address);
     let travel = Travel { alone: true, once: true, ..Travel::default() };
@@ -39,20 +40,21 @@ pub(super) fn drift_frame(link: &Link, reference: StationAddress) -> Exchange {
 pub(super) struct Burst<'a> {
     link: &'a Link,
     station: StationAddress,
-    /// What each must count: the reference read, all other clocks written.
+    /// Working counter that each frame must return: the reference read, all other clocks written.
     count: u16,
-    /// From one to the next.
+    /// Time from one frame to the next.
     pace: Nanos,
     in_flight: Vec<Exchange>,
 }
 
 impl<'a> Burst<'a> {
-    /// Drift frames of the clock at `station`, one each `pace`, each of which must count `count`.
+    /// A burst from the clock at `station`, one frame each `pace`, each with the working counter
+    /// `count`.
     pub fn new(link: &'a Link, station: StationAddress, count: u16, pace: Nanos) -> Self {
         Self { link, station, count, pace, in_flight: Vec::new() }
     }
 
-    /// One frame each pace until `end`. One that is lost does not hold up the others.
+    /// Sends one frame each pace until `end`. A lost frame does not delay the others.
     pub async fn until(&mut self, end: Time<Host>) -> Result<(), AccessError> {
         while self.link.now() < end {
             let next = self.link.now() + self.pace;
@@ -65,13 +67,14 @@ impl<'a> Burst<'a> {
         Ok(())
     }
 
-    /// Waits for what is in flight.
+    /// Waits for the frames in flight.
     pub async fn finish(mut self) -> Result<(), AccessError> {
         self.take(true).await
     }
 
-    /// Takes those that are back or lost; waits for the others, or not. A lost drift frame matters nothing, the next one
-    /// brings a newer time. One that counts wrongly does: a clock is not led.
+    /// Takes the frames that are back or lost; with `all` it waits for the others. A lost drift
+    /// frame is harmless, since the next one brings a newer time. A wrong working counter is an
+    /// error: a clock does not get the time.
     async fn take(&mut self, all: bool) -> Result<(), AccessError> {
         core::future::poll_fn(|context| {
             let mut at = 0;
@@ -93,13 +96,13 @@ impl<'a> Burst<'a> {
     }
 }
 
-/// One more drift frame than the cycle's own when its time has come, whoever of several asks first. The others stay where
-/// they are: it is the same time, told more often.
+/// Sends one additional drift frame when it is due. Of several procedures that call this, the first
+/// one sends it. The other clocks are not disturbed: they get the same time more often.
 ///
-/// They come evenly, between those of the cycle too: a loop takes the time since the last one for a measure, and two that
-/// follow each other closely tell it nothing but the grain of the clocks.
+/// The frames are evenly spaced, including those of the cycle. A loop divides by the time since the
+/// last frame, so two close frames would only show the resolution of the clocks.
 ///
-/// What counts wrongly is seen by the cycle's own datagram.
+/// The cycle's own datagram detects a wrong working counter.
 pub(super) async fn hasten(link: &Link, config: &Config, reference: StationAddress) {
     let now = link.now();
     // The others get them, too.
@@ -146,19 +149,19 @@ pub(super) async fn read_differences(
     Ok(all)
 }
 
-/// From one reading of 0x092C to the next: so long that the noise of readings (1 sigma) makes half of the slope that a
-/// converged clock may have at most.
+/// Time from one reading of 0x092C to the next. It is so long that the noise of the readings (1
+/// sigma) causes half of the slope that a converged clock may have.
 pub(super) fn reading_interval(noise: Nanos) -> Nanos {
     READING_INTERVAL.max(Nanos(NOISE_INTERVALS * noise.0))
 }
 
-/// When a clock counts as converged.
+/// The limits within which a clock counts as converged.
 pub(crate) fn limits(config: &Config, noise: Nanos) -> Limits {
     Limits { noise, ..Limits::of_difference(config.drift_threshold) }
 }
 
-/// Standard deviation of 0x092C by position (1 sigma), whole ns: what the jitter of the way makes of it behind the filter of
-/// 0x0934, a mean of first order.
+/// Standard deviation of 0x092C by position (1 sigma), whole ns. It is the jitter of the way after
+/// the filter of 0x0934, a mean of first order.
 pub(crate) fn noise(segment: &Segment, config: &Config) -> Vec<Nanos> {
     let (difference, _) = depths(segment, config);
     let readings = (2u64 << difference) - 1;
@@ -167,21 +170,24 @@ pub(crate) fn noise(segment: &Segment, config: &Config) -> Vec<Nanos> {
     delay::noise(segment, config.hop_jitter).into_iter().map(filtered).collect()
 }
 
-/// From one drift frame to the next in a burst, and while a clock joins. A tick of 10 ns within it is 100 ppm: what a loop
-/// can just tell from a speed. They take 7 % of the wire, and a tenth of the time that the cycle's own would at 1 ms.
+/// Time from one drift frame to the next in a burst, and while a clock joins. A tick of 10 ns in it
+/// is 100 ppm, the smallest speed that a loop can recognize. Such frames take 7 % of the wire, and
+/// a burst a tenth of the time that the cycle's own frames would need at 1 ms.
 pub(super) const PACE: Nanos = Nanos(100_000);
 
-/// The same where what they teach of the speed must hold for a cycle: ten of them in one at most.
+/// The same where the learned speed must hold for a cycle: at most ten frames in a cycle.
 pub(super) fn pace_for(cycle: Nanos) -> Nanos {
     PACE.max(Nanos(cycle.0 / 10))
 }
 
-/// Most drift frames in flight, where the way is longer than their pace or frames are lost: the way through 2000
-/// SubDevices at that pace, and fewer than the frames that the link has in flight at all.
+/// Most drift frames in flight, if the way is longer than their pace or frames are lost. It
+/// suffices for 2000 SubDevices at that pace, and is below the number of frames that the link has
+/// in flight.
 const IN_FLIGHT: usize = 20;
 
-/// Between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.
+/// Time between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.
 const READING_INTERVAL: Nanos = Nanos(2_000_000);
 
-/// The same for 1 ns of noise: four errors of the slope of sixteen readings, 4 x sqrt(12 / 16^3) a reading, are 500 ns/s.
+/// The same for 1 ns of noise: four errors of the slope of sixteen readings, 4 x sqrt(12 / 16^3) a
+/// reading, are 500 ns/s.
 const NOISE_INTERVALS: i64 = 433_000;

@@ -1,4 +1,4 @@
-//! Clocks that come into a running segment get its time.
+//! Gives the system time to clocks that join a running segment.
 
 use alloc::vec::Vec;
 
@@ -15,22 +15,23 @@ use crate::hot_connect::Present;
 use crate::link::Link;
 use crate::segment::{DcCapability, Segment};
 
-/// Clocks that come into a running segment.
+/// The clocks that join a running segment.
 pub(crate) struct Joining {
-    /// Positions of those that come.
+    /// Positions of the SubDevices that join.
     pub joining: Vec<usize>,
-    /// Positions of all that are there, those that come included, in processing order.
+    /// Positions of all that are present, including those that join, in processing order.
     pub there: Vec<usize>,
-    /// Others that answer.
+    /// Number of other SubDevices that answer.
     pub strangers: u16,
 }
 
-/// Gives clocks that come into a running segment their delays and offsets; nobody else's clock is written to.
+/// Gives delays and offsets to clocks that join a running segment. The clocks of other SubDevices
+/// are not written.
 ///
-/// The drift datagram reaches what lies behind the reference only. So where one comes that lies before it, or
-/// where no reference is left, the first of them leads from now on ([`Wish::Lead`]); it takes over the time as it
-/// runs, so that nothing jumps. Until it does, the datagram would write the host's time to it, and the clocks are
-/// left to themselves.
+/// The drift datagram reaches only the clocks behind the reference. If a SubDevice joins before the
+/// reference, or no reference is left, the first clock becomes the reference ([`Wish::Lead`]). It
+/// takes over the running time, so that no time jumps. Until then the datagram would write the
+/// host's time to it, so the clocks are not controlled meanwhile.
 pub(crate) async fn join(
     link: &Link,
     config: &Config,

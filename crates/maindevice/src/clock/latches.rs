@@ -1,4 +1,4 @@
-//! Latches of the ports' receive times: as many as the delays need, and what they tell.
+//! Latches of the ports' receive times: as many as the delays need, and their evaluation.
 
 use alloc::vec::Vec;
 
@@ -12,7 +12,7 @@ use crate::event::Event;
 use crate::link::Link;
 use crate::segment::{Segment, SubDevice};
 
-/// Latches several times; delays become the mean. Gives the last latch.
+/// Latches several times and sets each delay to the mean. Returns the last latch.
 pub(super) async fn measure_delays(
     link: &Link,
     config: &Config,
@@ -45,7 +45,8 @@ pub(super) async fn measure_delays(
     Ok(last)
 }
 
-/// As many latches as are wanted, each with the instant before it and, if `patient`, a pause; some may be lost, not more than come back.
+/// Latches as often as wanted. Each latch comes with the instant before it; with `patient` a pause
+/// lies between them. Some latches may be lost, but not more than come back.
 pub(super) async fn latch_often(
     link: &Link,
     config: &Config,
@@ -78,7 +79,8 @@ pub(super) async fn latch_often(
     Ok(latches)
 }
 
-/// Latches on until all delays are known as well as wanted, or no more latches are allowed. Gives the last latch.
+/// Latches until all delays are known as well as wanted, or the most latches are made. Returns the
+/// last latch.
 pub(super) async fn refine(
     link: &Link,
     config: &Config,
@@ -97,15 +99,15 @@ pub(super) async fn refine(
     Ok(last)
 }
 
-/// The pause before a latch. Each is another one: between two clocks that slip by a whole period in a constant one, all
-/// latches would find the same.
+/// The pause before a latch. Pauses differ: with a constant pause in which two clocks slip by a
+/// whole tick, all latches would show the same.
 fn pause(number: usize) -> Nanos {
     let part = number as i64 * 618 % 1_000;
     SHORTEST_PAUSE + Nanos(part * PAUSES.0 / 1_000)
 }
 
-/// Takes over what was measured. A clock whose delay can't be known is led all the same, with the middle of what
-/// is possible, and is reported.
+/// Takes over a measured delay. A clock whose delay cannot be known gets the middle of the possible
+/// values and is reported.
 pub(super) fn take(link: &Link, device: &mut SubDevice, delay: Delay) {
     device.measured_delay = Some(delay);
     device.delay = delay.nanos();
@@ -119,11 +121,11 @@ pub(super) fn take(link: &Link, device: &mut SubDevice, delay: Delay) {
     }
 }
 
-/// Latches in all, in times of those that are taken at least.
+/// The most latches in all, as a multiple of the least number.
 const MOST_LATCHES: usize = 8;
 
-/// Between two latches at least: at 10 ppm, clocks slip by 10 ns.
+/// Shortest pause between two latches: at 10 ppm, clocks slip by 10 ns in it.
 const SHORTEST_PAUSE: Nanos = Nanos(1_000_000);
 
-/// By how much pauses differ.
+/// The range by which pauses differ.
 const PAUSES: Nanos = Nanos(4_000_000);

@@ -1,9 +1,9 @@
-//! What the sign of register 0x092C means at each clock.
+//! The polarity of register 0x092C at each clock: what its sign means.
 //!
-//! Register texts contradict each other, so it is tried: each clock gets a delay that is too long
-//! by a known amount, which makes its copy of the system time lag by as much, and one drift frame.
-//! What the sign is then means "behind". It is done while the clocks are still being set: the true
-//! delays are written behind it, and the filters are reset.
+//! Register documentations contradict each other, so it is measured. Each clock gets a delay that
+//! is too long by a known amount, which makes its copy of the system time lag by that amount, and
+//! then one drift frame. The sign that 0x092C then shows means "behind". This is done while the
+//! clocks are still being set: the true delays are written afterwards, and the filters are reset.
 
 use alloc::vec::Vec;
 
@@ -17,14 +17,14 @@ use crate::error::AccessError;
 use crate::link::Link;
 use crate::segment::Segment;
 
-/// How much too long the delays are: more than clocks 100 ppm apart drift in the time that a slow
-/// host takes from the latch to here, and so little that a loop is hardly moved by it.
+/// By how much the delays are too long. It is more than clocks 100 ppm apart drift in the time that
+/// a slow host needs from the latch to here, and so little that it hardly moves a loop.
 const LAG: Nanos = Nanos(20_000);
 /// Drift frames that may be lost.
 const MOST_TRIES: usize = 3;
 
-/// Finds out the polarity of every clock but the reference. A clock that shows something else than
-/// the lag keeps what it has.
+/// Measures the polarity of every clock but the reference. A clock that does not show the lag keeps
+/// its polarity.
 pub(super) async fn learn(
     link: &Link,
     config: &Config,

@@ -1,4 +1,4 @@
-//! What is written to clocks: offsets, delays, the depths of their filters.
+//! Writes settings of clocks: offsets, delays and filter depths.
 
 use alloc::vec::Vec;
 
@@ -12,8 +12,8 @@ use crate::error::AccessError;
 use crate::link::Link;
 use crate::segment::Segment;
 
-/// Writes delay and offset of every clock and resets its filters; delays are too long by `lag`. Filter depths first: the
-/// write to 0x0930 is the one that clears all of them.
+/// Writes delay and offset of every clock and resets its filters; delays are too long by `lag`.
+/// Filter depths are written first, since the write to 0x0930 clears all filters.
 pub(super) async fn write(
     link: &Link,
     config: &Config,
@@ -43,7 +43,7 @@ pub(super) async fn write(
     Ok(())
 }
 
-/// Filter depths and, last, the write to 0x0930 that clears all filters of this clock.
+/// Writes the filter depths and, last, 0x0930, which clears all filters of this clock.
 pub(super) async fn reset_filters(
     link: &Link,
     config: &Config,
@@ -55,8 +55,8 @@ pub(super) async fn reset_filters(
     link.write(station, register::SPEED_COUNTER_START, SPEED_COUNTER_START).await
 }
 
-/// Register 0x0934 of these clocks. Should it be lost somewhere, that clock shows its difference less or more
-/// filtered, and is led all the same.
+/// Writes register 0x0934 of these clocks. If the write is lost at a clock, its difference is
+/// filtered less or more, but the clock is still controlled.
 pub(super) async fn set_filter(
     link: &Link,
     clocks: impl Iterator<Item = StationAddress>,
@@ -69,10 +69,10 @@ pub(super) async fn set_filter(
     }
 }
 
-/// Depths of 0x0934 and 0x0935 in operation: those that are asked for or that suit the cycle.
-/// On a long way 0x0934 is deeper, so that no more of the jitter of hops is left than on a short
-/// one. A loop takes that rest for a speed: without it a clock behind a thousand hops wanders by
-/// some microseconds (docs/dc.md).
+/// Depths of 0x0934 and 0x0935 in operation: the configured ones, or those that suit the cycle. On
+/// a long way 0x0934 is deeper, so that the remaining jitter of the hops is not larger than on a
+/// short way. A loop takes that remainder for a speed: with a shallow filter a clock behind a
+/// thousand hops wanders by some microseconds (docs/dc.md).
 pub(crate) fn depths(segment: &Segment, config: &Config) -> (u8, u8) {
     let (difference, speed) = config.drift_filters.depths(config.cycle);
     match config.drift_filters.difference {
@@ -81,16 +81,17 @@ pub(crate) fn depths(segment: &Segment, config: &Config) -> (u8, u8) {
     }
 }
 
-/// Depth of 0x0934 that brings the jitter of the longest way down to [`NOISY`]: the mean leaves
-/// 1 / sqrt(2^(depth + 1)) of it.
+/// Depth of 0x0934 that reduces the jitter of the longest way to [`NOISY`]: the mean leaves 1 /
+/// sqrt(2^(depth + 1)) of it.
 fn quiet_depth(segment: &Segment, config: &Config) -> u8 {
     let noise = delay::noise(segment, config.hop_jitter).into_iter().max().unwrap_or_default();
     let square = (noise.0 * noise.0) as u64 / (2 * NOISY.0 * NOISY.0) as u64;
     square.checked_ilog2().map_or(0, |log| log + 1).min(DEEPEST) as u8
 }
 
-/// Depths of 0x0934 and 0x0935 while clocks lock. The speed's is that of the cycle already, as newer chips forget the speed
-/// when it is written. The difference's suits the pace of a burst: what hops jitter must not be taken for a speed.
+/// Depths of 0x0934 and 0x0935 while clocks lock. The depth for the speed is already that of the
+/// cycle, since newer chips forget the speed when it is written. The depth for the difference suits
+/// the pace of a burst, so that the loop does not take the jitter of hops for a speed.
 fn burst_depths(segment: &Segment, config: &Config) -> [u8; 2] {
     let filters = config.drift_filters;
     let (operation, speed) = depths(segment, config);
@@ -102,13 +103,13 @@ fn burst_depths(segment: &Segment, config: &Config) -> [u8; 2] {
 /// Depth of 0x0934 in a burst.
 const QUIET_DEPTH: u8 = 4;
 
-/// The same where hops jitter by more than [`NOISY`], a standard deviation.
+/// The same where hops jitter by more than [`NOISY`] (1 sigma).
 const NOISY_DEPTH: u8 = 6;
 
-/// Deeper ones make the loop slower than the plan counts with.
+/// Deeper filters make the loop slower than the plan assumes.
 const DEEPEST: u32 = 8;
 
-/// What the mean of 16 differences, from one to the next, makes of this is a tick of 10 ns in the pace.
+/// Jitter of which the mean of 16 differences leaves a tick of 10 ns from one pace to the next.
 pub(super) const NOISY: Nanos = Nanos(30);
 
 /// Register 0x0930: reset value of the chips.

@@ -13,12 +13,13 @@ use super::settings::set_filter;
 use crate::link::Link;
 use crate::segment::SubDevice;
 
-/// Sets delays right after frames have come to take another way: a branch that is gone, or back, makes it shorter
-/// or longer to all that lie behind it in the order of frames.
+/// Corrects delays after frames have changed their way. If a branch is lost or comes back, the way
+/// to all SubDevices behind it in the order of frames becomes shorter or longer.
 ///
-/// A drift datagram on the new way measures by how much: 0x092C shows it, with the filter of 0x0934 off for so long. A loop that has taken a wrong time for a right one pulls until it gets the
-/// next, so that follows at once, in a drift datagram beside those of the cycle. Each clock comes with the limits within
-/// which it counts as converged, and with what 0x092C showed until then, as far as that is known. Gives the
+/// A drift datagram on the new way measures the difference: 0x092C shows it while the filter of
+/// 0x0934 is off. A loop that got a wrong time corrects until it gets the next one, so a second
+/// drift datagram follows at once, in addition to those of the cycle. Each clock comes with the
+/// limits within which it counts as converged, and with its last 0x092C, if known. Returns the
 /// delays that were written.
 pub(crate) async fn shift(
     link: Link,
@@ -92,5 +93,6 @@ async fn shift_by_difference(
     delays
 }
 
-/// More than any branch takes; a datagram that has not passed the reference makes differences beyond.
+/// More than any branch takes. A datagram that has not passed the reference shows larger
+/// differences.
 const LONGEST_DETOUR: Nanos = Nanos::millis(1);

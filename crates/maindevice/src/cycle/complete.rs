@@ -1,4 +1,4 @@
-//! When a cycle is over, and what came back of it.
+//! When a cycle is complete, and what came back of it.
 
 use alloc::vec::Vec;
 
@@ -8,27 +8,27 @@ use super::CyclicExchange;
 use super::presence::Place;
 use crate::segment::{Chunk, SubDevice};
 
-/// How far cycles are.
+/// Which cycles are complete.
 #[derive(Default)]
 pub(super) struct Closing {
-    /// Frames of the present cycle that are under way.
+    /// Number of frames of the present cycle in flight.
     pub(super) out: usize,
-    /// The last cycle that is over: all of it is back, or the rest was given up.
+    /// The last complete cycle: all of its frames are back, or the missing ones were given up.
     closed: u64,
-    /// The last one that was told.
+    /// The last cycle that was reported.
     told: u64,
 }
 
-/// What came back last, and in which cycle.
+/// The data that came back last, and of which cycle it is.
 #[derive(Default)]
 pub(super) struct Taken {
-    /// By chunk: the cycle that its inputs are of; 0 before the first.
+    /// By chunk: the cycle of its inputs; 0 before the first.
     pub(super) chunks: Vec<u64>,
     /// The cycle whose reference time came back last, and that time.
     pub(super) time: (u64, Time<Dc>),
 }
 
-/// Process data as they stand, less the outputs.
+/// The present process data, without the outputs.
 #[derive(Clone, Copy)]
 pub(crate) struct Exchanged<'a> {
     places: &'a [Place],
@@ -41,8 +41,8 @@ pub(crate) struct Exchanged<'a> {
 }
 
 impl CyclicExchange {
-    /// Closes the present cycle if none of its frames is under way, or the next one is due. To be called behind each
-    /// input, when what came in has been taken.
+    /// Closes the present cycle if none of its frames is in flight, or the next one is due. Call
+    /// this after each input, when its data has been taken.
     #[inline]
     pub fn close(&mut self, now: Time<Host>) {
         if self.is_open() && self.is_sent() && (self.closing.out == 0 || now >= self.due) {
@@ -50,12 +50,12 @@ impl CyclicExchange {
         }
     }
 
-    /// Whether the present cycle is not over yet: the next one must not begin.
+    /// Whether the present cycle is not complete yet; the next one must not begin before that.
     pub(super) fn is_open(&self) -> bool {
         self.closing.closed != self.number
     }
 
-    /// The cycle that is over, once; and whether process data ran in it.
+    /// The completed cycle, once, and whether process data ran in it.
     #[inline]
     pub fn take_closed(&mut self) -> Option<(u64, bool)> {
         let closed = self.closing.closed;
@@ -65,13 +65,13 @@ impl CyclicExchange {
         Some((closed, self.exchanging))
     }
 
-    /// The reference time that a cycle brought back, if it was the last to do so.
+    /// The reference time that a cycle brought back, if it is the last reference time.
     pub fn reference_time_of(&self, cycle: u64) -> Option<Time<Dc>> {
         let (of, time) = self.taken.time;
         (of == cycle).then_some(time)
     }
 
-    /// The outputs of the image, and what came back.
+    /// The outputs of the process image, and the data that came back.
     pub fn exchanged(&mut self) -> (&mut [u8], Exchanged<'_>) {
         let exchanged = Exchanged {
             places: &self.places,
@@ -87,7 +87,7 @@ impl CyclicExchange {
 }
 
 impl<'a> Exchanged<'a> {
-    /// Positions in the order of the image.
+    /// Positions in the order of the process image.
     pub fn order(&self) -> &'a [usize] {
         self.order
     }
@@ -97,13 +97,13 @@ impl<'a> Exchanged<'a> {
         self.inputs.get(device.inputs.range()).unwrap_or_default()
     }
 
-    /// The cycle that the inputs at a position are of.
+    /// The cycle of the inputs at a position.
     pub fn inputs_cycle(&self, position: usize) -> Option<u64> {
         let place = self.places.get(position).filter(|place| place.reads)?;
         Some(place.inputs_cycle(self.taken[place.chunk?])).filter(|cycle| *cycle > 0)
     }
 
-    /// Whether the frames that have a position's process data left in the present cycle.
+    /// Whether the frames with the process data of a position left in the present cycle.
     pub fn takes_part(&self, position: usize) -> bool {
         let chunk = self.places.get(position).and_then(|place| place.chunk);
         let every = chunk.map_or(0, |chunk| u64::from(self.chunks[chunk].every));

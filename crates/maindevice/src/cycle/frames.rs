@@ -1,4 +1,4 @@
-//! The frames of a cycle, built once, and how they are known again.
+//! The frames of a cycle, built once, and how returned datagrams are recognized.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -12,15 +12,15 @@ use isocat_wire::time::{Host, Time};
 use super::CyclicExchange;
 use super::layout::{Parts, TIME_LEN, ZEROS, plan_frames};
 
-/// One frame of the cycle and where its datagrams are.
+/// One frame of the cycle and the places of its datagrams.
 pub(super) struct CyclicFrame {
-    /// It leaves in the bus cycles whose number by system time is a multiple of this.
+    /// The frame leaves in the bus cycles whose number by system time is a multiple of this.
     pub(super) every: u32,
     pub(super) bytes: Vec<u8>,
     /// Offsets are from the start of the frame.
     pub(super) datagrams: Vec<(Part, Layout)>,
     pub(super) marks: Vec<Mark>,
-    /// The frame's two places in flight, by parity of the cycle.
+    /// When the frame was sent, for its two flights by parity of the cycle.
     pub(super) flights: [Option<Time<Host>>; 2],
     pub(super) cycles: [u64; 2],
 }
@@ -28,9 +28,9 @@ pub(super) struct CyclicFrame {
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Part {
     Drift,
-    /// Leads the reference clock.
+    /// The write that controls the reference clock.
     Lead,
-    /// Chunk and what its working counter must be.
+    /// Of this chunk, as are the following two.
     ReadWrite(usize),
     Write(usize),
     Read(usize),
@@ -41,7 +41,7 @@ impl CyclicExchange {
     /// Builds the frames of a cycle.
     pub(super) fn build(&mut self) {
         self.frames.clear();
-        // Another number of frames may give indices another meaning.
+        // If the number of frames changes, an index may mean another frame.
         self.given_up = 0;
         let reference = self.reference.as_ref();
         let clock = (reference.is_some(), self.drive.is_some());
@@ -102,7 +102,8 @@ impl CyclicExchange {
     }
 }
 
-/// How a datagram is known again: the first eight bytes of its header, less what changes on the way.
+/// How a datagram is recognized: the first eight bytes of its header, without the bits that change
+/// on the way.
 #[derive(Clone, Copy)]
 pub(super) struct Mark {
     pub(super) mask: u64,
@@ -111,7 +112,8 @@ pub(super) struct Mark {
 
 impl Mark {
     pub(super) fn of(layout: &Layout) -> Self {
-        // Command, address and length; not the index, which says which cycle it was, nor the flags.
+        // Command, address and length count. The index, which tells the cycle, and the flags do
+        // not.
         let mut mask = 0x07FF_FFFF_FFFF_00FF;
         if layout.header.command().is_ok_and(|command| command.increments_position()) {
             mask &= !0xFFFF_0000;
@@ -120,13 +122,13 @@ impl Mark {
         Self { mask, value: u64::from_le_bytes(bytes) & mask }
     }
 
-    /// The same whatever the command.
+    /// The mark without the command.
     pub(super) fn of_any_command(self) -> Self {
         let mask = self.mask & !0xFF;
         Self { mask, value: self.value & mask }
     }
 
-    /// Whether the datagram is at `start` of a frame.
+    /// Whether the datagram is at byte `start` of a frame.
     pub(super) fn is_at(self, bytes: &[u8], start: usize) -> bool {
         let found = bytes.get(start..).and_then(|rest| rest.first_chunk());
         found.is_some_and(|found| u64::from_le_bytes(*found) & self.mask == self.value)

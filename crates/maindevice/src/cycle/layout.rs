@@ -1,4 +1,4 @@
-//! What goes into which frame of a cycle, and when it is on the wire.
+//! The content of each frame of a cycle, and its time on the wire.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -13,17 +13,18 @@ use isocat_wire::time::Nanos;
 use super::frames::Part;
 use crate::segment::{DatagramPlan, FramePlan, GAP, ProcessImage, Segment};
 
-/// What goes into one frame.
+/// The content of one frame.
 pub(super) struct Parts {
-    /// It travels in the bus cycles whose number is a multiple of this.
+    /// The frame leaves in the bus cycles whose number is a multiple of this.
     pub(super) every: u32,
     pub(super) parts: Vec<Part>,
 }
 
-/// Which parts go into which frame of a cycle. No chunk is cut, so no SubDevice is. `clock`: there is a reference
-/// clock; it is led.
+/// The content of each frame of a cycle. No chunk is divided, so no SubDevice is. `clock`: whether
+/// there is a reference clock, and whether it is controlled.
 ///
-/// Frames that travel in every cycle come first, and are the same in each; chunks are ordered so already.
+/// Frames of every cycle come first and are the same in each cycle; the chunks already have this
+/// order.
 pub(super) fn plan_frames(
     image: &ProcessImage,
     clock: (bool, bool),
@@ -67,8 +68,8 @@ pub(super) fn plan_frames(
     frames
 }
 
-/// The frames of a cycle with process data, as they will be sent: what is in them, and when they are on the
-/// wire in the fullest cycle, counted from the first bit of the first.
+/// The frames of a cycle with process data, as they will be sent: their content, and their times on
+/// the wire in the fullest cycle, counted from the first bit of the first frame.
 pub(crate) fn frames(segment: &Segment, compensate: bool, leads: bool) -> Vec<FramePlan> {
     let image = &segment.image;
     let mut start = 0;
@@ -107,7 +108,7 @@ pub(crate) fn frames(segment: &Segment, compensate: bool, leads: bool) -> Vec<Fr
         }
         let end = start + duration_ns(at);
         let (begin, end_of) = (Nanos(start as i64), Nanos(end as i64));
-        // Where its number is a multiple of no more than this, only what divides it goes before.
+        // In its emptiest cycle, only the frames whose period divides its own go before it.
         let absent = frames.iter().filter(|frame| every % frame.every != 0);
         let spread = Nanos(absent.map(|frame| (frame.end - frame.begin + GAP).0).sum());
         let length = at.max(MIN_LEN);
@@ -117,18 +118,18 @@ pub(crate) fn frames(segment: &Segment, compensate: bool, leads: bool) -> Vec<Fr
     frames
 }
 
-/// When the frames of a chunk are on the wire in the fullest cycle, counted from the first bit of the cycle's first
-/// frame.
+/// Times on the wire of the frames of a chunk in the fullest cycle, counted from the first bit of
+/// the cycle's first frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct ChunkTimes {
     /// Begin of the frame that fetches its inputs.
     pub fetched: Nanos,
-    /// End of that frame: a SyncManager is read when the check sequence was found good.
+    /// End of that frame: a SyncManager counts as read when the check sequence was good.
     pub read: Nanos,
-    /// End of the frame that brings its outputs: a SyncManager passes them on when the check sequence was
-    /// found good.
+    /// End of the frame that brings its outputs: a SyncManager passes them on when the check
+    /// sequence was good.
     pub stored: Nanos,
-    /// By how much all that is earlier where fewer frames go before them.
+    /// How much earlier all these times are if fewer frames go before them.
     pub spread: Nanos,
 }
 
@@ -152,7 +153,7 @@ pub(crate) fn chunk_times(frames: &[FramePlan], chunks: usize) -> Vec<ChunkTimes
     times
 }
 
-/// Most bytes of a chunk: what fits beside the drift datagram and AL status in one frame.
+/// Most bytes of a chunk: the space in one frame besides the drift datagram and AL status.
 pub(crate) const MOST_CHUNK: usize =
     ROOM - 3 * DATAGRAM_OVERHEAD - TIME_LEN - isocat_wire::register::Register::<u16>::LEN;
 

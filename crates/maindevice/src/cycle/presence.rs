@@ -1,4 +1,4 @@
-//! Who takes part in the exchange, and who leads the clocks.
+//! Which SubDevices take part in the exchange, and which clock is the reference.
 
 use core::ops::Range;
 
@@ -18,41 +18,42 @@ pub(super) struct Place {
     pub(super) reads: bool,
     pub(super) clock: bool,
     pub(super) present: bool,
-    /// The cycle that its inputs were of when it was last lost; 0: none.
+    /// The cycle of its inputs when it was last lost; 0: none.
     kept: u64,
-    /// The cycle that its chunk's inputs were of when it was last admitted: its own are not among them.
+    /// The cycle of its chunk's inputs when it was last admitted; they do not include its own
+    /// inputs.
     since: u64,
 }
 
 pub(super) struct Reference {
     pub(super) station: StationAddress,
-    /// Bits of its clock.
+    /// Whether its clock has 64 bits.
     pub(super) wide: bool,
     /// Last system time seen, extended to 64 bits.
     pub(super) last: Time<Dc>,
-    /// Working counter of the drift datagram.
+    /// Expected working counter of the drift datagram.
     pub(super) clocks: u16,
-    /// Working counter that last came back.
+    /// Working counter that last came back, as far as reported.
     pub(super) counted: u16,
     pub(super) compensate: bool,
-    /// The last cycle whose drift datagram all clocks took; 0 before the first.
+    /// The last cycle whose drift datagram reached all clocks; 0 before the first.
     pub(super) led: u64,
-    /// Working counter of the drift datagram when the way of frames was last known to be as it is.
+    /// Working counter of the drift datagram on the way of frames for which the delays were set.
     pub(super) trusted: u16,
-    /// The one that came back since. Frames take another way to the clocks, so what they get is early or late:
-    /// until that is set right, the datagram only reads.
+    /// A different working counter that came back since. Frames take another way to the clocks, so
+    /// the time arrives early or late: until the delays are corrected, the datagram only reads.
     pub(super) doubted: Option<u16>,
-    /// The clocks are left to themselves for a while.
+    /// Whether the clocks are not controlled for a while.
     pub(super) held: bool,
-    /// The datagram only reads at present.
+    /// Whether the datagram only reads at present.
     pub(super) reading: bool,
-    /// A time was taken.
+    /// Whether a time was taken.
     pub(super) seen: bool,
 }
 
 impl CyclicExchange {
-    /// A SubDevice takes part in the exchange from now on, or no longer. Expected working counters follow; the
-    /// frames stay as they are.
+    /// Takes a SubDevice into the exchange or out of it. Expected working counters follow; the
+    /// frames stay unchanged.
     pub fn set_present(&mut self, position: usize, present: bool) {
         if let Some(place) = self.places.get_mut(position) {
             let taken = place.chunk.map_or(0, |chunk| self.taken.chunks[chunk]);
@@ -61,7 +62,7 @@ impl CyclicExchange {
         self.take_stock();
     }
 
-    /// Another SubDevice leads the clocks, with the next cycle. The time goes on as it was.
+    /// Makes another SubDevice the reference clock, with the next cycle. The time continues.
     pub fn set_reference(&mut self, device: &SubDevice) {
         let compensate = self.reference.as_ref().is_none_or(|reference| reference.compensate);
         let before = self.reference.take();
@@ -77,19 +78,19 @@ impl CyclicExchange {
         self.take_stock();
     }
 
-    /// Leaves the clocks to themselves, or leads them again, with the next cycle.
+    /// Stops controlling the clocks, or resumes it, with the next cycle.
     pub fn hold_clocks(&mut self, hold: bool) {
         if let Some(reference) = &mut self.reference {
             reference.held = hold;
         }
     }
 
-    /// Whether frames may take another way to the clocks than they did.
+    /// Whether frames may take another way to the clocks than before.
     pub fn doubts_clocks(&self) -> bool {
         self.reference.as_ref().is_some_and(|reference| reference.doubted.is_some())
     }
 
-    /// The clocks have been set right for the way that frames take now.
+    /// Called when the delays have been corrected for the present way of frames.
     pub fn trust_clocks(&mut self) {
         if let Some(reference) = &mut self.reference
             && let Some(counted) = reference.doubted.take()
@@ -98,17 +99,17 @@ impl CyclicExchange {
         }
     }
 
-    /// SubDevices that take part.
+    /// Number of SubDevices that take part.
     pub fn present(&self) -> u16 {
         self.present
     }
 
-    /// SubDevices that last answered the broadcast.
+    /// Number of SubDevices that last answered the broadcast.
     pub fn answering(&self) -> u16 {
         self.answering
     }
 
-    /// What must count when all that take part do.
+    /// Computes the expected working counters for all SubDevices that take part.
     pub(super) fn take_stock(&mut self) {
         self.admitted.clear();
         self.admitted.resize(self.image.chunks.len(), (0, 0));
@@ -127,22 +128,24 @@ impl CyclicExchange {
         }
     }
 
-    /// Cycles since all clocks last took the reference's time; `None` without a reference.
+    /// Number of cycles since all clocks last took the reference's time; `None` without a
+    /// reference.
     pub fn unled(&self) -> Option<u64> {
         self.reference.as_ref().map(|reference| self.number.saturating_sub(reference.led))
     }
 
-    /// By chunk: cycles in a row that counted wrongly, with LRW or LRD and with LWR.
+    /// By chunk: cycles in a row with a wrong working counter, of LRW or LRD and of LWR.
     pub fn wrong(&self) -> &[[u64; 2]] {
         &self.wrong
     }
 
-    /// How much later than planned a frame found the reference clock at most since this was last asked.
+    /// The largest lateness of a frame at the reference clock against the plan, since the last
+    /// call.
     pub fn take_latest(&mut self) -> Option<Nanos> {
         self.latest.take()
     }
 
-    /// The drift datagram leads the clocks, or only reads.
+    /// Chooses whether the drift datagram controls the clocks or only reads.
     pub(super) fn choose_drift(&mut self) {
         let Some(reference) = &mut self.reference else { return };
         let reading = !reference.compensate || reference.doubted.is_some() || reference.held;
@@ -181,7 +184,7 @@ impl Place {
         }
     }
 
-    /// It is there or no longer; the inputs of its chunk are of cycle `taken`.
+    /// Marks it as present or absent; `taken` is the cycle of its chunk's inputs.
     fn set_present(&mut self, present: bool, taken: u64) {
         match (self.present, present) {
             (true, false) => self.kept = self.inputs_cycle(taken),
@@ -191,7 +194,7 @@ impl Place {
         self.present = present;
     }
 
-    /// The cycle that its inputs are of, those of its chunk being of cycle `taken`; 0: of none.
+    /// The cycle of its inputs; `taken` is the cycle of its chunk's inputs. 0: none.
     pub(super) fn inputs_cycle(&self, taken: u64) -> u64 {
         if self.present && taken > self.since { taken } else { self.kept }
     }

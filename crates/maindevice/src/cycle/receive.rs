@@ -1,4 +1,4 @@
-//! Frames that come back: what counts right is taken.
+//! Takes the data of returned frames whose working counters are right.
 
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
@@ -10,8 +10,8 @@ use crate::event::Event;
 use crate::link::CYCLIC_INDEX;
 
 impl CyclicExchange {
-    /// Takes a frame of the cycle that came back, whose datagrams begin at `start`; `false` if it is
-    /// none.
+    /// Takes a returned frame of the cycle, whose datagrams begin at `start`; `false` if it is not
+    /// a frame of the cycle.
     pub fn receive(
         &mut self,
         now: Time<Host>,
@@ -28,7 +28,7 @@ impl CyclicExchange {
         let Some(frame) = self.frames.get(at) else { return false };
         let known = frame.datagrams.last().map_or(0, |(_, layout)| layout.end());
         let Some(sent) = frame.flights[parity] else { return false };
-        // An answer that comes cycles late must not be taken for that of a later cycle.
+        // An answer that is some cycles late must not count for a later cycle.
         if self.index(frame.cycles[parity], at) != index {
             return false;
         }
@@ -43,7 +43,7 @@ impl CyclicExchange {
         board.statistics.frames_received += 1;
         let mut complete = true;
         let mut reference_time = None;
-        // Out of the way, as all the rest is needed for what they bring.
+        // The list is moved out because `self` is needed while its datagrams are evaluated.
         let datagrams = core::mem::take(&mut self.frames[at].datagrams);
         for &(part, ref layout) in &datagrams {
             let data = &bytes[layout.data()..layout.wkc()];
@@ -54,14 +54,16 @@ impl CyclicExchange {
                     if reference_time.is_none() && self.in_ring {
                         reference_time = self.take_time_alone(sent, data, cycle, board);
                     }
-                    // Planned when the frame left; planned better with what it brought back.
+                    // The next cycle was planned when the frame left; the time that it brought back
+                    // improves the plan.
                     if cycle == self.number && self.is_sent() {
                         self.plan_next(sent + Nanos(self.cycle.0 / 2), self.grid);
                     }
                 }
                 Part::Lead => {
                     let Some(written) = self.written[parity].take() else { continue };
-                    // Of one SubDevice; without its access nothing was written.
+                    // The write addresses one SubDevice; with another working counter nothing was
+                    // written.
                     board.statistics.working_counter_errors += u64::from(wkc != 1);
                     if let (Some(drive), Some(found), 1) = (&mut self.drive, reference_time, wkc) {
                         drive.came_back(written, found);
@@ -81,7 +83,7 @@ impl CyclicExchange {
             }
         }
         self.frames[at].datagrams = datagrams;
-        // A chunk whose frame did not come back is not complete either, see `begin`.
+        // A chunk whose frame did not come back is incomplete too, see `begin`.
         if !complete {
             board.complete_cycles = 0;
         }
@@ -89,7 +91,7 @@ impl CyclicExchange {
         true
     }
 
-    /// Feeds the servo with the reference time that came back, and gives it.
+    /// Feeds the servo with the reference time that came back, and returns it.
     pub(super) fn take_time(
         &mut self,
         sent: Time<Host>,
@@ -100,7 +102,7 @@ impl CyclicExchange {
     ) -> Option<Time<Dc>> {
         let reference = self.reference.as_mut()?;
         let expected = if reference.reading { 1 } else { reference.clocks };
-        // Clocks that are about to be admitted answer as well.
+        // SubDevices that are about to be admitted answer too.
         let more = wkc > expected && !reference.reading;
         let counted = if more { expected } else { wkc };
         let told = if reference.reading && reference.compensate && wkc == 1 {
@@ -118,14 +120,15 @@ impl CyclicExchange {
         }
         if counted != expected {
             board.statistics.working_counter_errors += 1;
-            // Without the reference's own access the data are ours; with it but not all others, a
-            // clock is no longer led, and the time would still be right: but which of both it is
-            // can't be told. In a ring it can, see `take_time_alone`.
+            // Without the reference's own access the data is what we sent. With it but without all
+            // others, one clock is no longer controlled and the time would still be right, but the
+            // working counter cannot tell these cases apart. In a ring it can, see
+            // `take_time_alone`.
             return None;
         }
         let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw))?;
         if raw == 0 {
-            // As it was sent: others answered in the place of the reference.
+            // The data is unchanged: other clocks answered, but not the reference.
             return None;
         }
         let dc = reference.extend(raw);
@@ -145,7 +148,8 @@ impl CyclicExchange {
         Some(dc)
     }
 
-    /// In a ring, where some clocks did not answer: the time is that of the reference, or none.
+    /// Takes the time in a ring if some clocks did not answer: the time is that of the reference,
+    /// or none.
     #[cold]
     fn take_time_alone(
         &mut self,
@@ -163,7 +167,7 @@ impl CyclicExchange {
         Some(dc)
     }
 
-    /// Takes the inputs of a chunk that counts right.
+    /// Takes the inputs of a chunk with the right working counter.
     pub(super) fn take_chunk(
         &mut self,
         part: Part,
@@ -180,7 +184,7 @@ impl CyclicExchange {
             _ => readers,
         };
         let (expected, planned) = (count(self.admitted[at]), count((chunk.writers, chunk.readers)));
-        // Those that are about to be admitted count from the moment at which they are mapped.
+        // SubDevices that are about to be admitted count as soon as they are mapped.
         let more = self.answering > self.present && (expected..=planned).contains(&wkc);
         let wkc = if more { expected } else { wkc };
         let wrong = &mut self.wrong[at][usize::from(part == Part::Write(at))];
@@ -193,14 +197,14 @@ impl CyclicExchange {
             *wrong += 1;
             return false;
         }
-        // What comes behind that of a later cycle is too late.
+        // Inputs that come after those of a later cycle are too late.
         if part != Part::Write(at) && cycle > self.taken.chunks[at] {
             self.taken.chunks[at] = cycle;
             let from = chunk.logical as usize;
             if self.admitted[at] == (chunk.writers, chunk.readers) {
                 self.inputs[from..from + usize::from(chunk.length)].copy_from_slice(data);
             } else {
-                // In the place of one that is not there our own outputs come back.
+                // For an absent SubDevice our own outputs come back.
                 let own = |place: &&Place| place.present && place.chunk == Some(at);
                 for Place { inputs, .. } in self.places.iter().filter(own) {
                     let data = &data[inputs.start - from..inputs.end - from];
@@ -217,7 +221,7 @@ impl CyclicExchange {
 }
 
 impl Reference {
-    /// The time that it shows, in 64 bits.
+    /// The time that the data shows, extended to 64 bits.
     #[inline]
     fn extend(&mut self, raw: u64) -> Time<Dc> {
         let dc = match (self.wide, self.seen) {
@@ -230,7 +234,7 @@ impl Reference {
     }
 }
 
-/// The time of a 32-bit clock, extended to the one nearest to `near`.
+/// The time of a 32-bit clock, extended to the 64-bit time nearest to `near`.
 pub(crate) fn extend(low: u32, near: Time<Dc>) -> Time<Dc> {
     let ahead = low.wrapping_sub(near.count() as u32) as i32;
     near + Nanos(i64::from(ahead))

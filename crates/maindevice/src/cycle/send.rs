@@ -1,4 +1,4 @@
-//! Frames that leave, and when.
+//! Sends the frames of a cycle and plans their times.
 
 use isocat_wire::command::Command;
 use isocat_wire::frame::duration_ns;
@@ -47,9 +47,8 @@ impl CyclicExchange {
                 && reference.seen
                 && !reference.reading
             {
-                // Read over by the reference. Where that is gone, the clocks behind it compare
-                // themselves with what was sent: the host's guess is near, zeros would pull them
-                // away.
+                // The reference overwrites it. If the reference is absent, the clocks behind it use
+                // the time that was sent: the host's estimate is near, zeros would pull them away.
                 let guess = self.servo.dc_at(now).count().to_le_bytes();
                 bytes[layout.data()..layout.wkc()].copy_from_slice(&guess);
             }
@@ -78,7 +77,7 @@ impl CyclicExchange {
         Some(self.frames[at].bytes.len())
     }
 
-    /// The frame behind one that leaves in this cycle too; the number of frames if there is none.
+    /// The next frame that leaves in this cycle too; the number of frames if there is none.
     fn following(&self, at: usize) -> usize {
         let mut next = at + 1;
         while self.frames.get(next).is_some_and(|frame| {
@@ -89,21 +88,24 @@ impl CyclicExchange {
         next
     }
 
-    /// The number of the bus cycle that begins, by the system time at which its frame finds the reference clock: the
-    /// one that SYNC pulses count, whichever cycles were skipped. Without a reference it is the count.
+    /// The number of the bus cycle that begins, by the system time at which its frame finds the
+    /// reference clock. SYNC pulses count the same number, even if cycles were skipped. Without a
+    /// reference it is the count of cycles.
     fn number_by_time(&self, now: Time<Host>) -> u64 {
         if self.reference.is_none() {
             return self.number;
         }
         let into_first = self.servo.dc_at(now.max(self.due)) + -self.send_phase;
-        // Half a cycle late still belongs to the cycle that was due, as the next one will come on the grid.
+        // A frame half a cycle late still belongs to the due cycle, since the next one comes on the
+        // grid.
         let cycle = self.cycle.0 as u64;
         into_first.count().saturating_add((cycle - 1) / 2) / cycle
     }
 
-    /// A caller who slept over half a cycle or more sends on the grid again, not somewhere in between:
-    /// a frame there would meet SYNC0 at any phase. True if the cycle is put off. That never happens
-    /// twice in a row, so that a host which is always late still sends.
+    /// Postpones the cycle if the caller slept past half a cycle or more. The frame then leaves on
+    /// the grid again: between grid points it would meet SYNC0 at any phase. Returns true if the
+    /// cycle is postponed. That never happens twice in a row, so that a host which is always late
+    /// still sends.
     pub(super) fn wait_for_grid(&mut self, now: Time<Host>, board: &mut Board) -> bool {
         let late = now - self.due;
         if self.put_off || late.0 < self.cycle.0 / 2 {
@@ -123,19 +125,21 @@ impl CyclicExchange {
         true
     }
 
-    /// Index of the datagrams of a frame: its number, and above it as much of the cycle's as has room.
+    /// Index of the datagrams of a frame: its number in the low bits, above it the low bits of the
+    /// cycle's number.
     pub(super) fn index(&self, cycle: u64, frame: usize) -> u8 {
         index(cycle, frame, self.frame_bits)
     }
 
-    /// Whether a frame of this index was given up and is not back yet; it is from now on.
+    /// Whether a frame with this index was given up and is not back yet; it counts as back from now
+    /// on.
     pub fn take_given_up(&mut self, index: u8) -> bool {
         let was = self.given_up & bit(index) != 0;
         self.given_up &= !bit(index);
         was
     }
 
-    /// Frames whose indices this cycle uses anew are lost for good.
+    /// Frames whose indices this cycle reuses are lost for good.
     #[cold]
     fn forget_given_up(&mut self) {
         for at in 0..self.frames.len() {
@@ -143,16 +147,17 @@ impl CyclicExchange {
         }
     }
 
-    /// The lowest bits of the cycle's number, and the frame's, from an index.
+    /// The lowest bits of the cycle's number and the frame's number, from an index.
     pub(super) fn sequence(&self, index: u8) -> (u8, usize) {
         let bits = self.frame_bits;
         ((index & !CYCLIC_INDEX) >> bits, usize::from(index & ((1 << bits) - 1)))
     }
 
-    /// Begins a cycle: what was sent two cycles ago and is not back is lost.
+    /// Begins a cycle. Frames that were sent two cycles ago and are not back are lost.
     pub(super) fn begin(&mut self, now: Time<Host>, board: &mut Board) {
         let late = now - self.due;
-        // Only of a cycle that was put off already; others wait for the grid.
+        // Cycles are only skipped if the cycle was already postponed; otherwise it waits for the
+        // grid.
         let skipped = (late.0 / self.cycle.0).max(0) as u64;
         self.put_off = false;
         self.number += 1;
@@ -181,7 +186,7 @@ impl CyclicExchange {
             self.forget_given_up();
         }
         if self.exchanging {
-            // Counted up here and set back by whatever goes wrong.
+            // It is increased here, and any fault resets it.
             board.complete_cycles += 1;
         }
         let bits = self.frame_bits;
@@ -189,7 +194,8 @@ impl CyclicExchange {
             if frame.flights[parity].take().is_some() {
                 board.statistics.frames_lost += 1;
                 self.given_up |= bit(index(frame.cycles[parity], at, bits));
-                // Says nothing of the SubDevices: neither counts nor begins the count anew.
+                // A lost frame tells nothing about the SubDevices: it neither counts nor resets the
+                // count.
                 board.complete_cycles = board.complete_cycles.saturating_sub(1);
                 board.report(Event::FrameLost { cycle: frame.cycles[parity], frame: at });
             }
@@ -216,12 +222,12 @@ impl CyclicExchange {
     }
 }
 
-/// Index of the datagrams of a frame, where the number of a frame takes so many bits.
+/// Index of the datagrams of a frame; `bits` is the width of the frame's number.
 fn index(cycle: u64, frame: usize, bits: u32) -> u8 {
     CYCLIC_INDEX | ((cycle as u8) << bits) & !CYCLIC_INDEX | frame as u8
 }
 
-/// The bit of an index among those that were given up.
+/// The bit of an index in the set of those given up.
 fn bit(index: u8) -> u128 {
     1 << (index & !CYCLIC_INDEX)
 }

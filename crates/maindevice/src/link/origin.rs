@@ -1,22 +1,23 @@
-//! Where a frame that came in is from, and whether an ESC has touched it.
+//! The sender of a received frame, and whether an ESC has processed it.
 
 use isocat_wire::datagram::datagrams;
 use isocat_wire::frame::{LOCALLY_ADMINISTERED, payload_offset};
 
 use crate::statistics::Statistics;
 
-/// Where a frame that came in is from.
+/// The sender of a received frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Origin {
-    /// From us, through a SubDevice or by a source address that can't show it.
+    /// Ours, returned by a SubDevice, or with a source address that cannot show it.
     Ours {
-        /// Where its datagrams begin.
+        /// Offset of its datagrams.
         payload: usize,
     },
-    /// From us, with the source address that it left with: an echo, or an answer of a segment whose first ESC does not
-    /// mark frames (register 0x0100 bit 0 is 0, or a stack that never does). Its datagrams tell, see [`is_touched`].
+    /// Ours, with an unchanged source address: an echo, or the answer of a segment whose first ESC
+    /// does not mark frames (register 0x0100 bit 0 is 0, or a stack that never does). Its datagrams
+    /// tell which, see [`is_touched`].
     Unmarked {
-        /// Where its datagrams begin.
+        /// Offset of its datagrams.
         payload: usize,
     },
     /// From another MainDevice.
@@ -26,7 +27,8 @@ pub(crate) enum Origin {
 }
 
 impl Origin {
-    /// The first ESC that a frame passes sets bit 1 of its source address, if bit 0 of its 0x0100 is set.
+    /// Finds the sender. The first ESC that a frame passes sets bit 1 of its source address, if bit
+    /// 0 of its 0x0100 is set.
     #[inline]
     pub fn of(frame: &[u8], source: [u8; 6]) -> Self {
         let Ok(payload) = payload_offset(frame) else { return Origin::Other };
@@ -60,8 +62,9 @@ impl Origin {
     }
 }
 
-/// Whether an ESC has changed what datagrams carry: a working counter, or a position (ADP) that each ESC counts up.
-/// `sent` gives the position with which a datagram left, by its number in the frame.
+/// Whether an ESC has changed a datagram: its working counter, or its position (ADP), which each
+/// ESC increments. `sent` returns the position with which a datagram left, by its number in the
+/// frame.
 pub(crate) fn is_touched(payload: &[u8], sent: impl Fn(usize) -> Option<u16>) -> bool {
     datagrams(payload).map_while(Result::ok).enumerate().any(|(number, datagram)| {
         let counts = datagram.header.command().is_ok_and(|command| command.increments_position());

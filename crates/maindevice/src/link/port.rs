@@ -1,4 +1,4 @@
-//! Frames of procedures: datagrams that wait, that are under way and that are back, and when somebody wants to be woken.
+//! Frames of procedures: datagrams that are queued, in flight and back, and the end of each wait.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -14,43 +14,44 @@ use crate::statistics::Statistics;
 
 /// Bytes of a frame before its first datagram.
 const HEADERS: usize = ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN;
-/// Most frames of the link in flight. More than a long line needs to be filled, and few enough that
-/// an index comes again only long after its frame was given up.
+/// Most frames of the link in flight. They are more than a long line needs, and few enough that an
+/// index is reused only long after its frame was given up.
 const MOST_FLIGHTS: usize = 24;
-/// SubDevices whose way is in [`Timeouts::frame`](crate::config::Timeouts::frame) as it stands.
+/// Number of SubDevices that [`Timeouts::frame`](crate::config::Timeouts::frame) already includes.
 const USUAL_COUNT: u16 = 1000;
-/// Way through a SubDevice and back, with cables of 100 m: 0.5 us and 0.5 us each way.
+/// Way through a SubDevice and back, with cables of 100 m: 0.5 us for each, in both directions.
 const WAY_PER_SUBDEVICE: Nanos = Nanos(2_000);
-/// A repetition waits for at most two to this power times as long as the first frame.
+/// A repetition waits at most 2 to this power times as long as the first frame.
 const MOST_DOUBLINGS: u8 = 4;
 
-/// So long a datagram waits for a moment without any frame under way. Others wait behind it
-/// meanwhile.
+/// Longest wait of a datagram for an instant without any frame in flight. Other datagrams wait
+/// behind it.
 const QUIET_PATIENCE: Nanos = Nanos(100_000_000);
 
-/// The queue, the frames in flight, the waits.
+/// The queue, the frames in flight and the waits.
 pub(crate) struct Port {
     /// Host time of the last input.
     pub now: Time<Host>,
     source: [u8; 6],
     frame_timeout: Nanos,
-    /// What a long line adds to that.
+    /// Time that a long line adds to `frame_timeout`.
     longer_way: Nanos,
     retries: u8,
     slots: Vec<Slot>,
     free: Vec<usize>,
     queue: VecDeque<usize>,
     flights: Vec<Flight>,
-    /// Lists of earlier flights, empty, for flights to come: a frame allocates nothing then.
+    /// Empty lists of earlier flights, reused so that a frame does not allocate.
     spare: Vec<Vec<usize>>,
     next_index: u8,
-    /// Since when the first datagram queued waits until every frame is back.
+    /// Since when the first datagram in the queue waits until every frame is back.
     quiet_since: Option<Time<Host>>,
-    /// Indices of frames that were given up, a bit for each, until the index is used again.
+    /// Indices of frames that were given up, one bit each, until the index is used again.
     given_up: u128,
-    /// The segment answers with the source address untouched, so that an answer which nobody worked on looks as it left.
+    /// Whether the segment returns the source address unchanged. An answer that no SubDevice
+    /// processed then looks like the sent frame.
     unmarked: bool,
-    /// Earliest end of a wait, collected anew in each round of polling.
+    /// Earliest end of a wait, computed again in each round of polling.
     wake: Time<Host>,
 }
 
@@ -63,11 +64,11 @@ struct Slot {
     passed: u16,
     sent: Time<Host>,
     retries: u8,
-    /// Losses so far.
+    /// Number of losses so far.
     losses: u8,
     alone: bool,
     quiet: bool,
-    /// Nobody waits any more.
+    /// No procedure waits for it any more.
     abandoned: bool,
 }
 
@@ -107,13 +108,14 @@ impl Port {
         }
     }
 
-    /// So many SubDevices answer: frames through more than [`USUAL_COUNT`] are waited for longer.
+    /// Sets the number of SubDevices. Frames through more than [`USUAL_COUNT`] get a longer
+    /// timeout.
     pub fn expect_way(&mut self, count: u16) {
         let more = i64::from(count.saturating_sub(USUAL_COUNT));
         self.longer_way = Nanos(more * WAY_PER_SUBDEVICE.0);
     }
 
-    /// Queues a datagram; gives its slot.
+    /// Queues a datagram; returns its slot.
     pub fn enqueue(
         &mut self,
         command: Command,
@@ -149,7 +151,7 @@ impl Port {
         at
     }
 
-    /// The answer to a datagram, once; `None` inside: it is lost.
+    /// The answer to a datagram, once; inner `None`: it is lost.
     pub fn answer(&mut self, slot: usize) -> Poll<Option<Reply>> {
         let slot = &mut self.slots[slot];
         match slot.state {
@@ -164,7 +166,7 @@ impl Port {
         }
     }
 
-    /// Whether a wait until `due` is over; if not, the machine wakes by then.
+    /// Whether a wait until `due` is not over; the machine then wakes by `due`.
     pub fn waits_until(&mut self, due: Time<Host>) -> bool {
         if self.now < due {
             self.wake = self.wake.min(due);
@@ -172,7 +174,7 @@ impl Port {
         self.now < due
     }
 
-    /// Builds the next frame of queued datagrams, of `most` bytes at most unless a single datagram
+    /// Builds the next frame of queued datagrams, of at most `most` bytes unless a single datagram
     /// is longer; `None` if nothing is queued or too much is in flight.
     pub fn transmit(
         &mut self,
@@ -214,7 +216,7 @@ impl Port {
             }
         }
         if slots.is_empty() {
-            // Longer than the caller's buffer: it will never go out.
+            // It is longer than the caller's buffer, so it can never be sent.
             self.spare.push(slots);
             if let Some(at) = self.next_queued() {
                 self.lose(at);
@@ -225,14 +227,14 @@ impl Port {
         self.given_up &= !(1 << index);
         statistics.frames_sent += 1;
         statistics.datagrams += slots.len() as u64;
-        // Each repetition waits twice as long: whoever was asleep on the way gets time to wake.
+        // Each repetition waits twice as long, so that a host that slept gets time to wake.
         let patience = Nanos(self.frame_timeout.0 << losses.min(MOST_DOUBLINGS)) + self.longer_way;
         self.flights.push(Flight { index, deadline: now + patience, slots });
         Some(frame.finish())
     }
 
-    /// Whether the first datagram queued waits until every frame is back; `cyclic` are under way
-    /// beside the link's own. What has waited too long is lost.
+    /// Whether the first datagram in the queue waits until every frame is back; `cyclic` frames are
+    /// in flight in addition to the link's own. A datagram that waited too long is lost.
     pub fn waits_for_quiet(&mut self, now: Time<Host>, cyclic: usize) -> bool {
         let Some(&at) = self.queue.front() else { return false };
         if !self.slots[at].quiet || cyclic + self.flights.len() == 0 {
@@ -248,7 +250,7 @@ impl Port {
         true
     }
 
-    /// The next index that no frame in flight has.
+    /// The next index that is not in flight.
     fn free_index(&self) -> u8 {
         let mut index = self.next_index;
         while self.flights.iter().any(|flight| flight.index == index) {
@@ -257,15 +259,15 @@ impl Port {
         index
     }
 
-    /// Bytes on the wire of the first datagram queued, as a frame of its own; `None` if nothing is
-    /// queued.
+    /// Bytes on the wire of the first datagram in the queue, in a separate frame; `None` if nothing
+    /// is queued.
     pub fn first_len(&self) -> Option<usize> {
         let &at = self.queue.front()?;
         let len = self.slots[at].data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
         Some(len + HEADERS)
     }
 
-    /// Takes the datagrams of a frame that came back; `false` if it is none of ours.
+    /// Takes the datagrams of a returned frame; `false` if the frame is not ours.
     pub fn receive(&mut self, payload: &[u8], statistics: &mut Statistics) -> bool {
         let Some(&index) = payload.get(1) else { return false };
         let Some(at) = self.flights.iter().position(|flight| flight.index == index) else {
@@ -294,14 +296,14 @@ impl Port {
         true
     }
 
-    /// Whether a frame holds just these datagrams.
+    /// Whether a frame holds exactly these datagrams.
     fn belongs(&self, slots: &[usize], payload: &[u8]) -> bool {
         let mut layouts = Layouts::new();
         for &at in slots {
             let slot = &self.slots[at];
             let Some(Ok(layout)) = layouts.next(payload) else { return false };
             let header = layout.header;
-            // Positions are counted up on the way; the other half of the address stays.
+            // ESCs increment the position; the other half of the address does not change.
             let same_place = if slot.command.increments_position() {
                 header.ado() == (slot.address.raw() >> 16) as u16
             } else {
@@ -315,7 +317,7 @@ impl Port {
         layouts.next(payload).is_none()
     }
 
-    /// Gives up frames whose time is over.
+    /// Gives up frames whose timeout is over.
     #[inline]
     pub fn handle_timeout(&mut self, statistics: &mut Statistics) {
         let now = self.now;
@@ -346,25 +348,25 @@ impl Port {
         flights.fold(self.wake, Time::min)
     }
 
-    /// Frames that are under way.
+    /// Number of frames in flight.
     pub fn in_flight(&self) -> usize {
         self.flights.len()
     }
 
-    /// Before each round of polling.
+    /// Called before each round of polling.
     pub fn forget_waits(&mut self) {
         self.wake = Time::NEVER;
     }
 
-    /// Whether a frame with our own source address, untouched by an ESC, is an answer all the same; `payload` are its
-    /// datagrams. What an ESC has worked on is one. What left just so is one only of a segment known to leave source
-    /// addresses alone, and on an interface that does not show what it sends.
+    /// Whether a frame with our own source address, unmarked by an ESC, is an answer; `payload` is
+    /// its datagrams. It is one if an ESC has processed it. An unprocessed frame is one only if the
+    /// segment is known not to mark frames and the interface does not show the frames it sends.
     #[cold]
     pub fn is_answer(&mut self, payload: &[u8], statistics: &Statistics) -> bool {
         let index = payload.get(1).copied().unwrap_or_default();
         let flight = self.flights.iter().find(|flight| flight.index == index);
         let sent = |number: usize| match (index < CYCLIC_INDEX, flight) {
-            // The cycle has no position but that of its broadcast read.
+            // The only position in the cycle is that of its broadcast read.
             (false, _) => Some(0),
             (true, flight) => {
                 let slot = flight.and_then(|flight| flight.slots.get(number));
@@ -378,12 +380,13 @@ impl Port {
         self.unmarked && statistics.frames_echoed == 0
     }
 
-    /// From now on the first ESC marks what passes, unless a frame shows that it does not.
+    /// From now on the first ESC is expected to mark frames, until a frame shows that it does not.
     pub fn expect_marks(&mut self) {
         self.unmarked = false;
     }
 
-    /// Whether a frame of this index was given up and is not back yet; it is from now on.
+    /// Whether a frame with this index was given up and is not back yet; it counts as back from now
+    /// on.
     pub fn take_given_up(&mut self, index: u8) -> bool {
         let bit = 1 << (index % CYCLIC_INDEX);
         let was = self.given_up & bit != 0;
@@ -391,14 +394,15 @@ impl Port {
         was
     }
 
-    /// Takes the first datagram out of the queue. The next one, if there is one, is still waited for.
+    /// Takes the first datagram out of the queue. The next one in the queue still has a waiting
+    /// procedure.
     fn next_queued(&mut self) -> Option<usize> {
         let at = self.queue.pop_front();
         self.drop_abandoned();
         at
     }
 
-    /// Takes those out of the front of the queue that nobody waits for any more.
+    /// Removes datagrams from the front of the queue for which no procedure waits.
     fn drop_abandoned(&mut self) {
         while let Some(&at) = self.queue.front()
             && self.slots[at].abandoned
@@ -415,13 +419,13 @@ impl Port {
         }
     }
 
-    /// Nobody waits for a slot any more.
+    /// The procedure no longer waits for this slot.
     pub fn release(&mut self, at: usize) {
         match self.slots[at].state {
             SlotState::InFlight => self.slots[at].abandoned = true,
             SlotState::Queued => {
-                // It stays where it is in the queue, and is left out when its turn comes: to search for it would take
-                // the time of the whole queue for each datagram of a procedure that is given up.
+                // It stays in the queue and is skipped at its turn: a search for it would take the
+                // time of the whole queue for each datagram of a dropped procedure.
                 self.slots[at].abandoned = true;
                 if self.queue.front() == Some(&at) {
                     self.quiet_since = None;

@@ -1,9 +1,9 @@
-//! What runs beside the cycle: one list of kinds, and what becomes of each when.
+//! Procedures in addition to the cycle: one list of kinds, with the start and the end of each.
 //!
-//! A kind that is added here needs an answer to each question below, or it does not compile: when there is work for it
-//! ([`MainDevice::is_due`]), what that work is ([`MainDevice::work_on`]), and when it ends ([`Kind::ends`]). Its procedures
-//! are in [`Procedures`](super::procedures::Procedures) with all others. So the machine is quiet exactly if there are no
-//! procedures and nothing is due.
+//! A new kind needs an answer to each question below, or it does not compile: when there is work
+//! for it ([`MainDevice::is_due`]), what that work is ([`MainDevice::work_on`]), and when it ends
+//! ([`Kind::ends`]). Its procedures are in [`Procedures`](super::procedures::Procedures) with all
+//! others. So the machine is quiet exactly if there are no procedures and nothing is due.
 
 use isocat_wire::al::{AlState, AlStatus};
 
@@ -11,15 +11,15 @@ use super::way::Activity;
 use super::{MainDevice, in_hand};
 use crate::readmit::Keeper;
 
-/// Declares the kinds, and a list of all.
+/// Declares the kinds and a list of all kinds.
 macro_rules! kinds {
     ($($(#[$doc:meta])* $kind:ident,)*) => {
-        /// Kinds of procedures, in the order in which they go on.
+        /// Kinds of procedures, in the order in which they are polled.
         #[derive(Clone, Copy, PartialEq, Eq, Debug)]
         pub(super) enum Kind { $($(#[$doc])* $kind,)* }
 
         impl Kind {
-            /// All of them.
+            /// All kinds.
             pub(super) const ALL: [Self; [$(Kind::$kind),*].len()] = [$(Kind::$kind),*];
         }
     };
@@ -28,19 +28,19 @@ macro_rules! kinds {
 kinds! {
     /// Reads an entry of an object in the background.
     Entry,
-    /// Accesses an object that the application asked for.
+    /// Accesses an object on request of the application.
     Request,
-    /// Reads memory that the application asked for.
+    /// Reads memory on request of the application.
     Read,
-    /// Looks at the states of all SubDevices.
+    /// Reads the states of all SubDevices.
     Look,
-    /// Sets delays right when frames take another way.
+    /// Corrects delays when frames take another way.
     Shift,
-    /// Takes up SubDevices that are back.
+    /// Re-admits SubDevices that are back.
     Readmit,
     /// Brings back a SubDevice that left OP.
     Recover,
-    /// Writes a delay that was measured anew.
+    /// Writes a delay that was measured again.
     Rewrite,
     /// Latches receive times, to measure delays.
     Latch,
@@ -48,19 +48,19 @@ kinds! {
     Clocks,
 }
 
-/// What ends a procedure before it is through. What comes later ends all that the earlier ones end.
+/// What ends a procedure early. A later level also ends all that the earlier levels end.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(super) enum Ends {
-    /// A SubDevice is lost: frames take another way.
+    /// A SubDevice is lost, so frames take another way.
     Way,
-    /// The way down begins.
+    /// The shutdown begins.
     Operation,
     /// Nothing more is sent.
     Run,
 }
 
 impl Kind {
-    /// When it ends at the latest.
+    /// The first level that ends it.
     pub(super) const fn ends(self) -> Ends {
         match self {
             Kind::Rewrite | Kind::Latch | Kind::Clocks => Ends::Way,
@@ -71,9 +71,9 @@ impl Kind {
     }
 }
 
-/// What runs beside the cycle.
+/// The procedures in addition to the cycle.
 impl MainDevice {
-    /// Lets everything go on that can.
+    /// Polls all procedures and starts those that are due.
     pub(super) fn work(&mut self) {
         in_hand(&mut self.shared).port.forget_waits();
         if self.is_quiet() {
@@ -90,8 +90,8 @@ impl MainDevice {
         });
     }
 
-    /// Whether the way up or down is all that goes on: nothing of the background begins then, but requests that wait and
-    /// clocks that are doubted.
+    /// Whether only the bring-up or the shutdown runs. Then no procedure of the background starts,
+    /// except for waiting requests and clocks whose delays are in doubt.
     fn is_only_on_the_way(&self) -> bool {
         !matches!(self.activity, Activity::Operating)
             && self.procedures.is_empty()
@@ -99,7 +99,7 @@ impl MainDevice {
             && !self.cycle.as_ref().is_some_and(|cycle| cycle.doubts_clocks())
     }
 
-    /// Lets procedures at what they share with the machine while `f` runs.
+    /// Makes the shared data available to procedures while `f` runs.
     pub(super) fn lend<R>(&mut self, f: impl FnOnce(&mut Self) -> R) -> R {
         if let Some(shared) = self.shared.take() {
             self.link.lay_back(shared);
@@ -109,7 +109,7 @@ impl MainDevice {
         result
     }
 
-    /// Whether nothing but the cycle runs.
+    /// Whether only the cycle runs.
     fn is_quiet(&self) -> bool {
         matches!(self.activity, Activity::Operating)
             && !self.stopping
@@ -117,7 +117,7 @@ impl MainDevice {
             && !Kind::ALL.iter().any(|kind| self.is_due(*kind))
     }
 
-    /// Whether there is something to begin, in operation.
+    /// Whether a procedure of this kind is to start, in operation.
     #[inline]
     fn is_due(&self, kind: Kind) -> bool {
         match kind {
@@ -134,14 +134,14 @@ impl MainDevice {
                 let now = self.shared().port.now;
                 self.delay_watch.as_ref().is_some_and(|watch| watch.due(now))
             }
-            // Entries are read with clocks.
+            // Entries of objects are read together with clocks.
             Kind::Clocks => self.has_quality_to_look_at(),
-            // Begun at once by who asks for it, or by what another one found.
+            // These are started at once by the code that needs them.
             Kind::Entry | Kind::Read | Kind::Readmit | Kind::Recover | Kind::Rewrite => false,
         }
     }
 
-    /// Goes on with what is under way, and begins what is due.
+    /// Continues procedures of this kind, and starts those that are due.
     fn work_on(&mut self, kind: Kind) {
         match kind {
             Kind::Entry => self.work_on_entry(),
@@ -157,7 +157,7 @@ impl MainDevice {
         }
     }
 
-    /// Ends what ends with this. Object accesses are answered.
+    /// Ends all procedures of this level. Object accesses get their answer.
     pub(super) fn end_background(&mut self, with: Ends) {
         self.delay_watch = None;
         let ended = self.procedures.end(with);

@@ -1,4 +1,4 @@
-//! Delays that are measured again while the segment runs.
+//! Delay measurement while the segment runs.
 
 use isocat_wire::register;
 
@@ -12,7 +12,7 @@ use crate::event::Event;
 
 /// Delays while the segment runs.
 impl MainDevice {
-    /// Latches when it is time, and tells what has changed.
+    /// Latches when it is due, and reports changed delays.
     pub(super) fn work_on_latches(&mut self) {
         let Activity::Operating = self.activity else { return };
         let now = self.link.now();
@@ -58,7 +58,7 @@ impl MainDevice {
         }
     }
 
-    /// Tells which delays were written.
+    /// Reports which delays were written.
     pub(super) fn work_on_rewriting(&mut self) {
         let Activity::Operating = self.activity else { return };
         let mut from = 0;

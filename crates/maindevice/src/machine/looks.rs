@@ -1,4 +1,4 @@
-//! Looks at the states of all SubDevices.
+//! Reads the states of all SubDevices.
 
 use alloc::vec::Vec;
 
@@ -14,8 +14,8 @@ use crate::health::{self, Answer, Look, Others};
 
 /// States.
 impl MainDevice {
-    /// Looks at every SubDevice when the cyclic broadcast does not read OP everywhere, or of others than take
-    /// part.
+    /// Reads the state of every SubDevice if the cyclic broadcast does not show OP everywhere, or
+    /// if the number of answers is not that of the SubDevices that take part.
     pub(super) fn work_on_looks(&mut self) {
         let Activity::Operating = self.activity else { return };
         if let Some(Ended::Look(look)) = self.procedures.go_on(Kind::Look, &mut 0) {
@@ -30,8 +30,9 @@ impl MainDevice {
         if good && self.checked.is_none() {
             return;
         }
-        // The broadcast is an OR over all: a second SubDevice may fall without changing it. So the same
-        // picture is looked at again after a while, and when a SubDevice may be brought back.
+        // The broadcast is an OR over all SubDevices: another SubDevice may leave OP without a
+        // change of it. So the states are also read again after a while, and when a SubDevice may
+        // be recovered.
         let now = self.link.now();
         let next_attempt = self.keeper.next_attempt();
         let known = |(picture, at): ((u16, u16), Time<Host>)| {
@@ -88,6 +89,6 @@ impl MainDevice {
     }
 }
 
-/// After this time the states of all SubDevices are read again while the broadcast looks wrong. It does not depend on
-/// the cycle, as the pauses of [`Recovery`](crate::Recovery) do not.
+/// Time after which the states of all SubDevices are read again while the broadcast is wrong. It
+/// does not depend on the cycle, as the pauses of [`Recovery`](crate::Recovery) do not.
 const CHECK_AGAIN: Nanos = Nanos::millis(100);

@@ -1,4 +1,4 @@
-//! The procedures that run beside the cycle, all in one set.
+//! The procedures in addition to the cycle, all in one set.
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
@@ -20,43 +20,43 @@ use crate::segment::SubDevice;
 
 use super::background::{Ends, Kind};
 
-/// What a procedure gives at its end.
+/// The result of a procedure.
 pub(super) enum Ended {
-    /// An object access that was asked for; its mailbox comes back.
+    /// A requested object access; it returns the mailbox.
     Request { request: RequestId, position: usize, is_download: bool, answer: Answer },
     /// A read of memory.
     Read(RequestId, Result<Vec<u8>, AccessError>),
-    /// An entry of the background; what its mailbox had spent before.
+    /// An entry read in the background; `before` is what its mailbox had spent before.
     Entry { position: usize, object: ObjectAddress, before: Nanos, answer: Answer },
-    /// A look at the states of all.
+    /// The states of all SubDevices.
     Look(Look),
-    /// Delays that were set right, by position.
+    /// Corrected delays, by position.
     Shift(Vec<(usize, Nanos)>),
-    /// All that were being taken up have come to their end.
+    /// All SubDevices that were being re-admitted have come to their end.
     Readmit,
-    /// A SubDevice that left OP.
+    /// The recovery of a SubDevice that left OP.
     Recover(usize, Box<Result<SubDevice, Cause>>),
-    /// A write of 0x0928; whether it was taken.
+    /// A write of 0x0928; whether it was accepted.
     Rewrite(Change, bool),
-    /// A latch of the receive times; `None`: it did not come back whole.
+    /// A latch of the receive times; `None`: it did not come back complete.
     Latch(Option<Times>),
     /// Registers of clocks.
     Clocks(Vec<(usize, Option<Registers>)>),
 }
 
-/// A mailbox and what came through it.
+/// A mailbox and the answer that came through it.
 pub(super) type Answer = (Mailbox, SdoResult);
 
-/// Whom a procedure is about.
+/// The subject of a procedure.
 #[derive(Clone, Copy, Default)]
 pub(super) struct About {
-    /// The SubDevice, if it is one.
+    /// The SubDevice, if there is only one.
     pub(super) position: Option<usize>,
-    /// The object access that waits for the answer; whether it is a download.
+    /// The object access that waits for the answer, and whether it is a download.
     pub(super) request: Option<(RequestId, bool)>,
 }
 
-/// All procedures beside the cycle, by kind.
+/// All procedures in addition to the cycle, by kind.
 #[derive(Default)]
 pub(super) struct Procedures {
     all: [Vec<Procedure>; Kind::ALL.len()],
@@ -66,12 +66,12 @@ pub(super) struct Procedures {
 struct Procedure {
     about: About,
     task: Pin<Box<dyn Future<Output = Ended> + Send>>,
-    /// It was through at once.
+    /// The result, if the procedure ended at once.
     ended: Option<Ended>,
 }
 
 impl Procedures {
-    /// Starts one: its first datagrams are queued.
+    /// Starts a procedure: its first datagrams are queued.
     pub fn start(
         &mut self,
         kind: Kind,
@@ -87,7 +87,8 @@ impl Procedures {
         self.count += 1;
     }
 
-    /// Goes on with those of a kind from number `from` on, until one ends; `from` is where to go on then.
+    /// Polls the procedures of a kind from number `from` on until one ends; `from` is then where to
+    /// continue.
     pub fn go_on(&mut self, kind: Kind, from: &mut usize) -> Option<Ended> {
         let all = &mut self.all[kind as usize];
         while let Some(procedure) = all.get_mut(*from) {
@@ -105,7 +106,7 @@ impl Procedures {
         None
     }
 
-    /// Drops those that end with this, and gives whom they were about.
+    /// Drops the procedures that end with this level, and returns their subjects.
     pub fn end(&mut self, with: Ends) -> Vec<About> {
         let mut ended = Vec::new();
         for kind in Kind::ALL.into_iter().filter(|kind| kind.ends() <= with) {
@@ -116,7 +117,7 @@ impl Procedures {
         ended
     }
 
-    /// Drops those of a kind that are about a position, and gives what they were about.
+    /// Drops the procedures of a kind at a position, and returns their subjects.
     pub fn end_at(&mut self, kind: Kind, position: usize) -> Vec<About> {
         let all = &mut self.all[kind as usize];
         let is_meant = |procedure: &mut Procedure| procedure.about.position == Some(position);
@@ -125,17 +126,17 @@ impl Procedures {
         ended
     }
 
-    /// Whether one of a kind is under way.
+    /// Whether a procedure of this kind runs.
     pub fn has(&self, kind: Kind) -> bool {
         !self.all[kind as usize].is_empty()
     }
 
-    /// Whether one of a kind is under way that is about a position.
+    /// Whether a procedure of this kind runs at a position.
     pub fn has_at(&self, kind: Kind, position: usize) -> bool {
         self.all[kind as usize].iter().any(|procedure| procedure.about.position == Some(position))
     }
 
-    /// Whether none is under way.
+    /// Whether no procedure runs.
     #[inline]
     pub fn is_empty(&self) -> bool {
         self.count == 0
@@ -143,13 +144,13 @@ impl Procedures {
 }
 
 impl About {
-    /// Of one SubDevice.
+    /// About one SubDevice.
     pub fn position(position: usize) -> Self {
         Self { position: Some(position), request: None }
     }
 }
 
-/// Lets a procedure go on; nothing wakes it, as the machine asks it behind each input.
+/// Polls a procedure. Nothing wakes it, since the machine polls it after each input.
 pub(super) fn poll<T: ?Sized + Future>(future: &mut Pin<Box<T>>) -> Poll<T::Output> {
     future.as_mut().poll(&mut Context::from_waker(Waker::noop()))
 }
@@ -162,7 +163,8 @@ mod tests {
         core::future::ready(Ended::Readmit)
     }
 
-    /// Each level ends what the ones before it end, and nothing else; whoever waits for an answer is named.
+    /// Each level ends what the levels before it end, and nothing else; requests that wait for an
+    /// answer are returned.
     #[test]
     fn what_ends_is_told_by_its_kind() {
         for (with, left) in [(Ends::Way, 7), (Ends::Operation, 1), (Ends::Run, 0)] {
@@ -183,7 +185,7 @@ mod tests {
         }
     }
 
-    /// One that is through at once is not lost, and those about one SubDevice end alone.
+    /// A procedure that ends at once is not lost, and procedures of one SubDevice end separately.
     #[test]
     fn each_ends_once() {
         let mut procedures = Procedures::default();

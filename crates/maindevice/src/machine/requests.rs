@@ -1,4 +1,4 @@
-//! Accesses to objects and memory that the application asks for.
+//! Requests of the application: accesses to objects and memory.
 
 use alloc::vec::Vec;
 
@@ -25,24 +25,24 @@ pub(super) struct Job {
 
 /// Requests.
 impl MainDevice {
-    /// Asks for an upload of an entry; the bytes come as [`Event::Uploaded`]. Before PREOP, or
+    /// Requests an upload of an entry; the bytes come as [`Event::Uploaded`]. Before PREOP, or
     /// without a CoE mailbox, the answer is an error.
     pub fn upload(&mut self, position: usize, object: ObjectAddress) -> RequestId {
         self.request(position, object, None)
     }
 
-    /// Asks for a download to an entry; the end comes as [`Event::Downloaded`].
+    /// Requests a download to an entry; the result comes as [`Event::Downloaded`].
     pub fn download(&mut self, position: usize, object: ObjectAddress, data: &[u8]) -> RequestId {
         self.request(position, object, Some(data.to_vec()))
     }
 
-    /// Asks for `len` bytes of the memory of the SubDevice at `position`, registers included; they come
-    /// as [`Event::Read`]. A working counter other than 1 is an error. What is still under way when
-    /// the run ends is not answered.
+    /// Requests `len` bytes of the memory of the SubDevice at `position`, including registers; they
+    /// come as [`Event::Read`]. A working counter other than 1 is an error. A request in flight
+    /// when the run ends gets no answer.
     pub fn read_memory(&mut self, position: usize, address: u16, len: usize) -> RequestId {
         let request = self.next_request();
         let station = self.segment.devices.get(position).map(|device| device.station);
-        // A position that is not there gets an address that nobody has after the scan.
+        // An unknown position gets an address that no SubDevice has after the scan.
         let station = station.unwrap_or(StationAddress(0));
         self.lend(|machine| {
             let exchange = machine.link.fprd(station, address, len);
@@ -81,7 +81,7 @@ impl MainDevice {
         }
     }
 
-    /// Ends what has its answer, starts what has its mailbox free.
+    /// Ends the requests that have their answer, and starts those whose mailbox is free.
     pub(super) fn work_on_requests(&mut self) {
         let mut from = 0;
         while let Some(ended) = self.procedures.go_on(Kind::Request, &mut from) {
@@ -98,7 +98,7 @@ impl MainDevice {
             let busy = self.procedures.has_at(Kind::Request, position)
                 || self.procedures.has_at(Kind::Entry, position)
                 || self.jobs.iter().take(at).any(|job| job.position == position);
-            // On the way up the mailboxes are in use; requests wait.
+            // During bring-up the mailboxes are in use, so requests wait.
             let on_the_way = matches!(self.activity, Activity::Task(..)) && !self.stopping;
             if busy || on_the_way {
                 at += 1;
@@ -137,7 +137,7 @@ impl MainDevice {
         });
     }
 
-    /// No answer comes any more to those that wait, and to those that were under way.
+    /// Answers all waiting requests with an error, and those that were under way.
     pub(super) fn refuse_all(&mut self, under_way: &[About]) {
         while let Some(job) = self.jobs.pop_front() {
             self.refuse(job.request, job.download.is_some());
@@ -145,7 +145,7 @@ impl MainDevice {
         self.refuse_these(under_way);
     }
 
-    /// No answer comes any more to these.
+    /// Answers these requests with an error.
     pub(super) fn refuse_these(&mut self, under_way: &[About]) {
         for (request, is_download) in under_way.iter().filter_map(|about| about.request) {
             self.refuse(request, is_download);

@@ -1,4 +1,4 @@
-//! SubDevices that go and come back while the segment runs.
+//! SubDevices that are lost and re-admitted while the segment runs.
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
@@ -17,9 +17,9 @@ use crate::event::Event;
 use crate::health::Found;
 use crate::readmit::{self, Return};
 
-/// SubDevices that go and come back.
+/// SubDevices that are lost and re-admitted.
 impl MainDevice {
-    /// A SubDevice takes no part any more.
+    /// Takes a SubDevice out of the exchange.
     pub(super) fn lose(&mut self, position: usize) {
         let number = self.link.board(|board| board.cycle);
         let device = &mut self.segment.devices[position];
@@ -33,7 +33,7 @@ impl MainDevice {
             cycle.set_present(position, false);
         }
         self.procedures.end_at(Kind::Recover, position);
-        // What goes through its mailbox would take the answers of its way back for its own.
+        // A procedure on its mailbox would take the answers of its later re-admission.
         self.procedures.end_at(Kind::Entry, position);
         let asked = self.procedures.end_at(Kind::Request, position);
         self.refuse_these(&asked);
@@ -44,7 +44,8 @@ impl MainDevice {
         }
     }
 
-    /// If the reference is gone, the first clock that is left leads: the drift datagram reaches what lies behind it.
+    /// If the reference clock is lost, the first remaining clock becomes the reference: the drift
+    /// datagram reaches only the clocks behind it.
     pub(super) fn elect(&mut self) {
         let gone = |at: usize| self.segment.devices.get(at).is_some_and(|device| !device.admitted);
         if !self.segment.reference.is_some_and(gone) {
@@ -57,7 +58,7 @@ impl MainDevice {
         }
     }
 
-    /// Another clock leads.
+    /// Makes another clock the reference.
     pub(super) fn lead(&mut self, position: usize) {
         self.segment.reference = Some(position);
         let number = self.link.board(|board| board.cycle);
@@ -68,7 +69,7 @@ impl MainDevice {
         self.link.report(Event::ReferenceElected { position, cycle: number });
     }
 
-    /// More answer than take part: those that are where they belong are taken up.
+    /// Starts to re-admit SubDevices that are in their places, if more answer than take part.
     pub(super) fn welcome(&mut self, everybody: Vec<Found>) {
         if self.procedures.has(Kind::Readmit) {
             return;
@@ -83,7 +84,7 @@ impl MainDevice {
         let devices = &self.segment.devices;
         let placed = |at: usize| places[at].is_some();
         for device in devices.iter().filter(|device| !placed(device.position)) {
-            // Another that may hang at the same port may be there in its stead.
+            // Another SubDevice that may hang at the same port may be there instead.
             let shares = |other: &&crate::SubDevice| other.parent == device.parent;
             if !devices.iter().filter(shares).any(|other| placed(other.position)) {
                 self.keeper.is_absent(device.position);
@@ -107,7 +108,7 @@ impl MainDevice {
         });
     }
 
-    /// So many answer, and they are not those of the plan.
+    /// Reports that this number of SubDevices answer and do not agree with the plan.
     pub(super) fn report_unplanned(&mut self, found: u16) {
         if !self.procedures.has(Kind::Readmit) && self.unplanned.replace(found) != Some(found) {
             let cycle = self.link.board(|board| board.cycle);
@@ -115,7 +116,7 @@ impl MainDevice {
         }
     }
 
-    /// Goes on with those that are being taken up, and takes the end of each.
+    /// Continues all re-admissions, and takes the result of each.
     pub(super) fn work_on_returns(&mut self) {
         let Activity::Operating = self.activity else { return };
         if !self.procedures.has(Kind::Readmit) {
@@ -128,7 +129,7 @@ impl MainDevice {
             self.take_return(position, outcome);
         }
         if ended {
-            // A reference that was to lead and did not get so far.
+            // A SubDevice that was to become the reference may have failed before that.
             if let Some(cycle) = &mut self.cycle {
                 cycle.hold_clocks(false);
             }
@@ -140,7 +141,7 @@ impl MainDevice {
         }
     }
 
-    /// Goes on with those that are being brought back to OP.
+    /// Continues the recovery of SubDevices to OP.
     pub(super) fn work_on_recoveries(&mut self) {
         let Activity::Operating = self.activity else { return };
         let mut from = 0;
@@ -151,7 +152,8 @@ impl MainDevice {
             let (after, again) = self.keeper.attempted(position, policy, now, well);
             match *result {
                 Ok(device) => {
-                    // Its delay may have been set right meanwhile, so the rest stays as it is.
+                    // Its delay may have been corrected meanwhile, so only these fields are taken
+                    // over.
                     let known = &mut self.segment.devices[position];
                     (known.al_status, known.al_code) = (device.al_status, device.al_code);
                     known.sync = device.sync;
@@ -162,19 +164,19 @@ impl MainDevice {
         }
     }
 
-    /// Sets delays right where frames have come to take another way: in the same cycle, as each datagram with a
-    /// wrong time throws the clocks off further.
+    /// Corrects delays if frames take another way. It does so in the same cycle, since each
+    /// datagram with a wrong time moves the clocks further.
     pub(super) fn work_on_shift(&mut self) {
         let Some(cycle) = &mut self.cycle else { return };
         let Activity::Operating = self.activity else {
-            // Nothing is set right on the way up or down, and the clocks are led all the same.
+            // Delays are not corrected during bring-up and shutdown, but the clocks are controlled.
             return cycle.trust_clocks();
         };
         if !self.procedures.has(Kind::Shift) && cycle.doubts_clocks() {
             let reference = self.segment.reference.filter(|_| self.config.readmission.is_some());
             let Some(reference) = reference else { return cycle.trust_clocks() };
             let noise = clock::noise(&self.segment, &self.config);
-            // The last readings may already be of the new way.
+            // The last readings may already be of the new way, so their median is used.
             let before = |position: usize| {
                 let quality = self.quality.as_ref().map_or(&[][..], |monitor| monitor.clocks());
                 let clock = quality.iter().find(|clock| clock.position == position)?;
@@ -217,7 +219,7 @@ impl MainDevice {
                 (Wish::HoldClocks, Some(cycle)) => cycle.hold_clocks(true),
                 (Wish::Lead(position), Some(_)) => self.lead(position),
                 (Wish::LeaveOut(position), Some(cycle)) => cycle.set_present(position, false),
-                // A cycle that begins later looks for itself who takes part.
+                // A cycle that begins later finds out itself which SubDevices take part.
                 (_, None) => {}
             }
         }
@@ -241,14 +243,14 @@ impl MainDevice {
             Err(cause) => {
                 let policy = self.config.readmission.unwrap_or_default();
                 let again = self.keeper.failed(position, &cause, policy, now);
-                // It was to lead, and did not get so far.
+                // It may have been chosen as reference, but did not get so far.
                 self.elect();
                 self.link.report(Event::NotReadmitted { position, cause, again });
             }
         }
     }
 
-    /// A SubDevice that answers and is not in OP.
+    /// Starts the recovery of a SubDevice that answers but is not in OP, if it is due.
     pub(super) fn consider_recovery(&mut self, position: usize) {
         let device = &self.segment.devices[position];
         let (status, code) = (device.al_status, device.al_code);
@@ -268,5 +270,5 @@ impl MainDevice {
     }
 }
 
-/// Readings of a clock whose middle tells how far it was off until now.
+/// Number of readings of a clock whose median is its recent difference.
 const READINGS_OF_LATE: usize = 8;

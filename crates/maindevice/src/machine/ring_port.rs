@@ -1,4 +1,4 @@
-//! The second port of a ring, and what its state means for those who lead the clocks.
+//! The second port of a ring, and the effect of its state on the clocks.
 
 use alloc::boxed::Box;
 
@@ -12,13 +12,13 @@ use crate::event::Event;
 use crate::link::Link;
 use crate::ring::{Copies, Port, Taken};
 
-/// The ring as the machine has it.
+/// The ring of the machine.
 pub(super) struct Ring {
     copies: Copies,
-    /// What was last told, and with how many SubDevices that take part.
+    /// The view last handled, and the number of SubDevices that took part.
     known: (View, u16),
     told: Told,
-    /// Who was last told to lead those behind the cut.
+    /// The position last reported as reference of the clocks behind the cut.
     split: Option<usize>,
 }
 
@@ -49,8 +49,8 @@ impl Ring {
 
 /// The second port.
 impl MainDevice {
-    /// The same as [`Self::handle_frame`], with the port at which the frame came in. Without [`Config::ring`] they make no
-    /// difference.
+    /// As [`Self::handle_frame`], with the port that received the frame. Without [`Config::ring`]
+    /// the ports make no difference.
     #[inline(never)]
     pub fn handle_frame_at(&mut self, port: Port, now: Time<Host>, frame: &[u8]) {
         let Self { ring, shared, cycle, config, .. } = self;
@@ -74,14 +74,15 @@ impl MainDevice {
         }
     }
 
-    /// Writes the next frame that is to leave the secondary port of a ring into `buffer` and gives its length; `None` if
-    /// there is nothing to send. To be called behind each frame of [`Self::poll_transmit`] until it gives nothing, at
-    /// once: it is the copy of that frame. Without [`Config::ring`] there never is one.
+    /// Writes the next frame for the secondary port of a ring into `buffer` and returns its length;
+    /// `None` if there is nothing to send. Call this directly after each frame of
+    /// [`Self::poll_transmit`] until it returns `None`: the frame is the copy of that frame.
+    /// Without [`Config::ring`] it always returns `None`.
     pub fn poll_secondary(&mut self, buffer: &mut [u8]) -> Option<usize> {
         self.ring.as_mut()?.copies.transmit(buffer)
     }
 
-    /// A frame leaves the primary port.
+    /// Copies a frame that leaves the primary port.
     #[cold]
     pub(super) fn copy(&mut self, now: Time<Host>, frame: &[u8]) {
         let Self { ring: Some(ring), shared, .. } = self else { return };
@@ -90,7 +91,7 @@ impl MainDevice {
         }
     }
 
-    /// Copies that are waited for no longer.
+    /// Handles copies whose wait is over.
     #[cold]
     pub(super) fn expire_copies(&mut self, now: Time<Host>) {
         let Self { ring: Some(ring), shared, cycle, config, .. } = self else { return };
@@ -108,12 +109,13 @@ impl MainDevice {
         self.look_at_ring();
     }
 
-    /// Whether a ring is to be there and is not.
+    /// Whether a ring is configured but not whole.
     pub(super) fn is_ring_cut(&self) -> bool {
         self.ring.as_ref().is_some_and(|ring| !matches!(ring.known.0, View::Whole))
     }
 
-    /// Tells when the ring is cut or whole, and chooses who leads the clocks behind the cut.
+    /// Reports that the ring is cut or whole, and chooses the reference of the clocks behind the
+    /// cut.
     fn look_at_ring(&mut self) {
         let Self { ring: Some(ring), shared, cycle: Some(cycle), segment, activity, .. } = self
         else {
@@ -137,12 +139,12 @@ impl MainDevice {
             }
             View::Cut { near, far } => {
                 let (near, far) = (usize::from(near), usize::from(far));
-                // Those that are back and not admitted yet answer as well.
+                // SubDevices that are back but not admitted yet answer too.
                 let everybody = near + far == segment.devices.len();
                 let there = segment.devices.iter().filter(|device| everybody || device.admitted);
                 let count = there.clone().count();
                 let position = |at: usize| there.clone().nth(at).map(|device| device.position);
-                // Where it is not known who answers, nobody leads.
+                // If it is not known which SubDevices answer, no clock is chosen.
                 let behind = there.clone().skip(count.saturating_sub(far));
                 let clock = |device: &&crate::SubDevice| device.admitted && device.dc.has_clock();
                 let leader = behind.filter(|_| near + far == count).find(clock);
@@ -156,7 +158,7 @@ impl MainDevice {
                 (near + far <= count).then(|| Told::Cut((before, position(count - far))))
             }
         };
-        // The cut comes before what follows from it.
+        // The cut is reported before its consequences.
         if let Some(told) = told.filter(|told| *told != ring.told) {
             ring.told = told;
             shared.board.report(match told {

@@ -1,4 +1,4 @@
-//! What is read in the background while the segment runs.
+//! Readings in the background while the segment runs.
 
 use alloc::vec::Vec;
 
@@ -12,45 +12,48 @@ use crate::coe;
 use crate::event::Event;
 use crate::quality::{self, ClockQuality, Snapshot};
 
-/// How well the segment runs.
+/// Quality of the running segment.
 impl MainDevice {
-    /// What the clocks say that are read in the background ([`Config::quality`](crate::Config::quality)); empty without, and before the segment
-    /// is in operation. Stays when it ends.
+    /// The clocks that are read in the background ([`Config::quality`](crate::Config::quality));
+    /// empty without it, and before the segment is in operation. The readings remain after
+    /// operation ends.
     pub fn quality(&self) -> &[ClockQuality] {
         self.quality.as_ref().map_or(&[], |monitor| monitor.clocks())
     }
 
-    /// All that is known at this moment: clocks, error counters and distances, states, working counters, margins, and
-    /// the moments before. `None` without [`Config::quality`](crate::Config::quality), and outside operation.
+    /// All present readings: clocks, error counters and distances, states, working counters and
+    /// margins, with their history. `None` without [`Config::quality`](crate::Config::quality), and
+    /// outside operation.
     pub fn snapshot(&self) -> Option<Snapshot<'_>> {
         let cycle = self.cycle.as_ref()?;
         Some(self.quality.as_ref()?.snapshot(self.shared().port.now, cycle))
     }
 
-    /// Whether delays are measured while the segment runs ([`Config::delay_watch`](crate::Config::delay_watch)).
+    /// Whether delays are measured while the segment runs
+    /// ([`Config::delay_watch`](crate::Config::delay_watch)).
     pub fn watches_delays(&self) -> bool {
         self.delay_watch.is_some()
     }
 
-    /// Time on the wire of the frames that were sent for it so far, and since when. A frame that was lost and sent
-    /// again counts once.
+    /// Wire time of the frames sent for it so far, and the start of that time. A frame that was
+    /// lost and sent again counts once.
     pub fn quality_wire_time(&self) -> Option<(Nanos, Time<Host>)> {
         self.quality.as_ref().map(|monitor| (monitor.spent(), monitor.began()))
     }
 
-    /// Whether there is something to read or to judge.
+    /// Whether there is a value to read or to judge.
     pub(super) fn has_quality_to_look_at(&self) -> bool {
         let (Some(monitor), Some(cycle)) = (&self.quality, &self.cycle) else { return false };
         monitor.is_due(self.shared().port.now, cycle.number())
     }
 
-    /// Takes the answer to the entry that was asked for, and gives its mailbox back.
+    /// Takes the answer for the requested entry, and puts its mailbox back.
     pub(super) fn work_on_entry(&mut self) {
         let Some(ended) = self.procedures.go_on(Kind::Entry, &mut 0) else { return };
         let Ended::Entry { position, object, before, answer } = ended else { return };
         let (mailbox, answer) = answer;
         let cost = mailbox.spent() - before;
-        // One that was lost meanwhile has none, or has got another when it came back.
+        // A SubDevice that was lost meanwhile has no mailbox, or got a new one when it came back.
         let admitted = self.segment.devices.get(position).is_some_and(|device| device.admitted);
         if let Some(place) = self.mailboxes.get_mut(position).filter(|place| place.is_none())
             && admitted
@@ -59,7 +62,7 @@ impl MainDevice {
         }
         let now = self.link.now();
         if let Some(monitor) = &mut self.quality {
-            // That of one that is gone is no surprise.
+            // A silent mailbox of a lost SubDevice raises no alarm.
             let changes = monitor.take_entry((position, object), now, &answer, cost, admitted);
             self.report_alarms(changes);
         }
@@ -76,7 +79,8 @@ impl MainDevice {
         let mut changes = monitor.look(now, &self.segment, cycle, &counts);
         if self.procedures.has(Kind::Clocks) {
             if let Some(Ended::Clocks(found)) = self.procedures.go_on(Kind::Clocks, &mut 0) {
-                // While frames take another way than the delays are for, 0x092C shows the way and no clock.
+                // While the delays do not fit the way of frames, 0x092C shows the way and not the
+                // clock.
                 for (index, registers) in found.into_iter().filter(|_| !cycle.doubts_clocks()) {
                     changes.extend(monitor.take_clock(index, registers));
                 }
@@ -93,7 +97,7 @@ impl MainDevice {
         self.ask_for_entry(now);
     }
 
-    /// Reads an entry if it is time, through a mailbox that nobody uses or waits for.
+    /// Reads an entry if it is due, through a mailbox that is free and that no request waits for.
     fn ask_for_entry(&mut self, now: Time<Host>) {
         if self.procedures.has(Kind::Entry) {
             return;

@@ -1,4 +1,4 @@
-//! The way up and down: which piece of it runs, and what comes behind it.
+//! Bring-up and shutdown: the piece that runs, and the next one.
 
 use alloc::boxed::Box;
 use core::future::Future;
@@ -22,21 +22,21 @@ use crate::ring;
 use crate::survey;
 use crate::times;
 
-/// What the machine is about.
+/// What the machine is doing.
 pub(super) enum Activity {
-    /// A piece of the way up or down.
+    /// A piece of bring-up or shutdown runs.
     Task(Piece, Pin<Box<dyn Future<Output = End> + Send>>),
     /// The host locks onto the reference clock.
     Locking { since: Time<Host> },
     /// All SubDevices are in OP.
     Operating,
-    /// A survey is through; SubDevices are in PREOP.
+    /// A survey is complete; SubDevices are in PREOP.
     Surveyed,
     /// Nothing more is sent.
     Over,
 }
 
-/// The pieces of the way, see [`bring_up`].
+/// The pieces of bring-up and shutdown, see [`bring_up`].
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Piece {
     Prepare,
@@ -51,7 +51,7 @@ pub(super) enum Piece {
 }
 
 impl Activity {
-    /// A piece of the way at its beginning.
+    /// A piece at its start.
     pub(super) fn of(piece: Piece, work: Work) -> Self {
         let task: Pin<Box<dyn Future<Output = End> + Send>> = match piece {
             Piece::Prepare => Box::pin(bring_up::prepare(work)),
@@ -68,7 +68,7 @@ impl Activity {
     }
 }
 
-/// The way up and down.
+/// Bring-up and shutdown.
 impl MainDevice {
     pub(super) fn work_on_way(&mut self) {
         loop {
@@ -82,7 +82,7 @@ impl MainDevice {
                     self.grant_wishes();
                     let Poll::Ready((work, result)) = end else { return };
                     if self.failure.is_none() {
-                        // What was found when it failed is the evidence, and stays.
+                        // The segment as it was at the failure is the evidence, so it is kept.
                         self.stage = work.stage;
                         self.segment = work.segment;
                     }
@@ -108,9 +108,9 @@ impl MainDevice {
         }
     }
 
-    /// Goes on behind a piece of the way.
+    /// Continues after a piece.
     fn after(&mut self, piece: Piece, result: Result<(), Error>) {
-        // The way down goes on to its end whatever happens on it.
+        // The shutdown continues to its end even after errors.
         match (piece, result) {
             (Piece::LeaveOperation, _) => {
                 if let Some(cycle) = &mut self.cycle {
@@ -203,7 +203,7 @@ impl MainDevice {
         self.activity = Activity::of(piece, work);
     }
 
-    /// Turns round, if the machine is on its way up or in operation.
+    /// Starts the shutdown, if the machine is in bring-up or in operation.
     fn begin_stop(&mut self) -> bool {
         let turns = match &self.activity {
             Activity::Task(piece, _) => {
@@ -219,7 +219,7 @@ impl MainDevice {
         turns
     }
 
-    /// The way up ends. SubDevices that were written to go back to INIT first, as far as they do.
+    /// Ends the bring-up. SubDevices that were already written go back to INIT first, if they can.
     fn fail(&mut self, error: Error) {
         self.stage = error.stage;
         let on_the_way_up = (Stage::Sii..Stage::Stop).contains(&error.stage);
@@ -235,7 +235,7 @@ impl MainDevice {
         self.begin_piece(piece);
     }
 
-    /// Tells what the way up failed for, and ends.
+    /// Reports why the bring-up failed, and ends.
     fn tell_failure(&mut self) {
         if let Some(error) = self.failure.take() {
             self.link.report(Event::Failed(error));
@@ -243,7 +243,7 @@ impl MainDevice {
         self.end();
     }
 
-    /// Nothing more is sent.
+    /// Ends the run: nothing more is sent.
     fn end(&mut self) {
         self.end_background(Ends::Run);
         self.cycle = None;

@@ -1,4 +1,4 @@
-//! Which register or object to read next in the background, and what was read.
+//! Chooses the next register or object to read in the background, and keeps the readings.
 
 use alloc::vec::Vec;
 
@@ -13,10 +13,12 @@ use crate::config::QualityWatch;
 use crate::error::SdoResult;
 use crate::segment::{Segment, SubDevice};
 
-/// The registers of clocks and the entries of 0x1C32 and 0x1C33 that are read while a segment runs, within a share of the
-/// wire. It reads nothing itself, so that anybody who exchanges process data can use it:
+/// The registers of clocks and the entries of 0x1C32 and 0x1C33 that are read while a segment runs,
+/// within a share of the wire. It does not read itself, so any code that exchanges process data can
+/// use it:
 ///
-/// - [`clocks_to_read`](Self::clocks_to_read), then [`take_clock`](Self::take_clock) for each of them;
+/// - [`clocks_to_read`](Self::clocks_to_read), then [`take_clock`](Self::take_clock) for each of
+///   them;
 /// - [`entry_to_read`](Self::entry_to_read), then [`take_entry`](Self::take_entry).
 #[derive(Clone, Debug)]
 pub struct Background {
@@ -25,7 +27,7 @@ pub struct Background {
 }
 
 impl Background {
-    /// Begins at `now`. `noise`: standard deviation of 0x092C by position (1 sigma).
+    /// A background from `now` on. `noise`: standard deviation of 0x092C by position (1 sigma).
     pub fn new(config: &QualityWatch, segment: &Segment, now: Time<Host>, noise: &[Nanos]) -> Self {
         let pace = Pace::new(config.share_permille, now);
         let clocks = Clocks::new(config, segment, pace, noise);
@@ -35,29 +37,29 @@ impl Background {
         background
     }
 
-    /// Each kind has half of the share, if both are there.
+    /// Gives each kind half of the share, if both are present.
     fn divide_the_share(&mut self) {
         let parts = if self.clocks.are_there() && self.objects.are_there() { 2 } else { 1 };
         self.clocks.pace.divide(parts);
         self.objects.pace.divide(parts);
     }
 
-    /// Whether something is to be read.
+    /// Whether a reading is due.
     pub fn is_due(&self, now: Time<Host>) -> bool {
         self.clocks.is_due(now) || self.objects.is_due(now)
     }
 
-    /// Which clocks to read now; none if it is not time.
+    /// The clocks to read now; empty if it is not time.
     pub fn clocks_to_read(&mut self, now: Time<Host>) -> Vec<Wanted> {
         if self.clocks.is_due(now) { self.clocks.batch(now) } else { Vec::new() }
     }
 
-    /// Takes what came back from a clock, `None` if nothing did; gives the alarms that come or go.
+    /// Takes the answer of a clock, `None` without an answer; returns the alarms that come or end.
     pub fn take_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         self.clocks.sample(index, found)
     }
 
-    /// Which entry to read now, of those whose mailbox is free; none if it is not time.
+    /// The entry to read now, of SubDevices with a free mailbox; `None` if it is not time.
     pub fn entry_to_read(
         &mut self,
         now: Time<Host>,
@@ -66,8 +68,8 @@ impl Background {
         if self.objects.is_due(now) { self.objects.next(now, is_free) } else { None }
     }
 
-    /// Takes the answer to such a reading, and what it cost on the wire; gives the alarms that come or go. Of one that is
-    /// `admitted` no longer only the cost counts.
+    /// Takes the answer of such a reading and its cost on the wire; returns the alarms that come or
+    /// end. If the SubDevice is not `admitted` any more, only the cost counts.
     pub fn take_entry(
         &mut self,
         wanted: (usize, ObjectAddress),
@@ -80,36 +82,36 @@ impl Background {
         if admitted { self.objects.take(wanted, now, answer) } else { Vec::new() }
     }
 
-    /// The states of these SubDevices have changed.
+    /// Called when the state of this SubDevice has changed.
     pub(super) fn meet(&mut self, device: &SubDevice) {
         self.clocks.meet(device);
         self.objects.meet(device);
         self.divide_the_share();
     }
 
-    /// Whether drift frames fail to reach all clocks.
+    /// Sets whether drift frames fail to reach all clocks.
     pub(super) fn set_unled(&mut self, unled: bool) {
         for clock in &mut self.clocks.all {
             clock.unled = unled;
         }
     }
 
-    /// Frames take another way to this clock, and its delay was set right.
+    /// Called when frames take another way to this clock and its delay was corrected.
     pub(super) fn delay_changed(&mut self, position: usize) {
         self.clocks.forget_slope(position);
     }
 
-    /// All clocks but the reference's own.
+    /// All clocks but the reference clock.
     pub fn clocks(&self) -> &[ClockQuality] {
         &self.clocks.all
     }
 
-    /// What the objects said, by position.
+    /// The readings of the objects, by position.
     pub fn objects(&self) -> &[ObjectQuality] {
         &self.objects.all
     }
 
-    /// Wire time of all reads so far, preambles and gaps included.
+    /// Wire time of all reads so far, including preambles and gaps.
     pub fn spent(&self) -> Nanos {
         self.clocks.pace.spent() + self.objects.pace.spent()
     }

@@ -1,4 +1,4 @@
-//! What the registers of clocks say.
+//! Readings of the registers of clocks.
 
 use alloc::vec::Vec;
 
@@ -18,14 +18,14 @@ use crate::segment::{Segment, SubDevice};
 /// One reading of one clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Reading {
-    /// When the frame was sent that read it.
+    /// Send time of the frame that read it.
     pub at: Time<Host>,
     /// Register 0x092C: positive when the local copy is ahead of the reference's time.
     pub difference: Nanos,
-    /// Registers 0x0930 and 0x0932: how much faster the drift loop makes the local clock, ppb. The oscillator itself
-    /// is slower than the reference's by as much.
+    /// How much faster the drift loop makes the local clock, ppb, from registers 0x0930 and 0x0932.
+    /// The oscillator itself is slower than the reference clock's by this much.
     pub correction_ppb: i64,
-    /// Register 0x0984; `None` where the ESC has none.
+    /// Register 0x0984; `None` if the ESC has none.
     pub activation: Option<ActivationStatus>,
 }
 
@@ -36,7 +36,7 @@ pub struct ClockQuality {
     pub position: usize,
     station: StationAddress,
     has_status: bool,
-    /// It was not there yet.
+    /// Whether it has not been present yet.
     awaited: bool,
     /// How well its delay is known: see [`isocat_sync::delay::Delay::bar`].
     delay_bar: Nanos,
@@ -46,7 +46,7 @@ pub struct ClockQuality {
     limits: Limits,
     convergence: Convergence,
     slope_ppb: Option<i64>,
-    /// No drift frame reaches it.
+    /// Whether no drift frame reaches it.
     pub(super) unled: bool,
     alarms: [Hysteresis; Alarm::OF_CLOCKS.len()],
 }
@@ -62,20 +62,20 @@ impl ClockQuality {
         self.readings.iter()
     }
 
-    /// The largest size of 0x092C among them.
+    /// The largest absolute value of 0x092C among them.
     pub fn worst(&self) -> Nanos {
         self.readings().map(|reading| reading.difference.abs()).max().unwrap_or_default()
     }
 
-    /// Slope of the last sixteen differences, ns per second; 0 while there are fewer.
+    /// Slope of the last sixteen differences, ns per second; 0 with fewer.
     pub fn slope_ppb(&self) -> i64 {
         self.slope_ppb.unwrap_or(0)
     }
 
-    /// How far this clock is from the reference's at most, as far as registers tell: the worst difference read, what
-    /// it may have moved between two readings, the tick of either clock, and the error of its delay, of which
-    /// 0x092C knows nothing. `None` before the first reading, and while no drift frame reaches it: 0x092C then tells
-    /// nothing of the time that passes.
+    /// Largest distance of this clock from the reference clock, as far as registers show it. It is
+    /// the sum of the worst difference read, the possible movement between two readings, the tick
+    /// of either clock, and the error of its delay, which 0x092C does not show. `None` before the
+    /// first reading, and while no drift frame reaches the clock, since 0x092C is then out of date.
     pub fn bound(&self) -> Option<Nanos> {
         if self.unled {
             return None;
@@ -89,7 +89,7 @@ impl ClockQuality {
         Some(self.worst() + Nanos(moved) + Nanos(2 * TICK) + self.delay_bar)
     }
 
-    /// Whether this alarm is up; those of other things than clocks are not.
+    /// Whether this alarm is raised; always false for alarms that are not of clocks.
     pub fn has(&self, alarm: Alarm) -> bool {
         let at = Alarm::OF_CLOCKS.iter().position(|of| *of == alarm);
         at.is_some_and(|at| self.alarms[at].is_up())
@@ -114,7 +114,7 @@ impl ClockQuality {
         clock
     }
 
-    /// What is known of a SubDevice that has come.
+    /// Takes over the data of a SubDevice that has come.
     fn meet(&mut self, device: &SubDevice) {
         self.awaited &= !device.admitted;
         self.station = device.station;
@@ -125,7 +125,7 @@ impl ClockQuality {
         self.delay_bar = bar.map_or(Nanos::ZERO, |bar| Nanos((bar.0 + 999) / 1_000));
     }
 
-    /// Its delay is another one: what was read before makes no slope with what comes.
+    /// Called when its delay has changed: earlier readings make no slope with later ones.
     fn forget_slope(&mut self) {
         self.convergence = Convergence::new(self.limits);
         self.slope_ppb = None;
@@ -141,7 +141,8 @@ impl ClockQuality {
         }
     }
 
-    /// What became of the alarms with this reading; `None`: the registers did not answer.
+    /// Updates the alarms with this reading and returns the changes; `None`: the registers did not
+    /// answer.
     fn judge(&mut self, found: Option<Registers>) -> Vec<Change> {
         let Limits { difference: limit, .. } = self.limits;
         let limit = limit + self.limits.noise_allowed();
@@ -180,18 +181,18 @@ impl ClockQuality {
     }
 }
 
-/// What the registers of one clock said.
+/// Readings of the registers of one clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Registers {
-    /// When the frame was sent that read them.
+    /// Send time of the frame that read them.
     pub at: Time<Host>,
     /// Registers 0x092C to 0x0933.
     pub bytes: [u8; 8],
-    /// Register 0x0984; `None` where the ESC has none.
+    /// Register 0x0984; `None` if the ESC has none.
     pub activation: Option<ActivationStatus>,
 }
 
-/// What is to be read: index among the clocks, station, and whether 0x0984 exists.
+/// A clock to read: index among the clocks, station, and whether 0x0984 exists.
 pub type Wanted = (usize, StationAddress, bool);
 
 /// Reads all clocks in turn.
@@ -203,7 +204,7 @@ pub(super) struct Clocks {
 }
 
 impl Clocks {
-    /// The clocks of a segment but the reference's own. `noise`: standard deviation of 0x092C by
+    /// All clocks of a segment but the reference clock. `noise`: standard deviation of 0x092C by
     /// position (1 sigma).
     pub fn new(config: &QualityWatch, segment: &Segment, pace: Pace, noise: &[Nanos]) -> Self {
         let limits = |device: &SubDevice| Limits {
@@ -221,7 +222,7 @@ impl Clocks {
         Self { all, turn: 0, pace }
     }
 
-    /// The delay of this SubDevice's clock is another one.
+    /// Called when the delay of this SubDevice's clock has changed.
     pub fn forget_slope(&mut self, position: usize) {
         for clock in self.all.iter_mut().filter(|clock| clock.position == position) {
             clock.forget_slope();
@@ -232,12 +233,12 @@ impl Clocks {
         self.pace.is_due(now) && self.are_there()
     }
 
-    /// Whether any is there to be read.
+    /// Whether any clock is present.
     pub fn are_there(&self) -> bool {
         self.all.iter().any(|clock| !clock.awaited)
     }
 
-    /// Whom to read now. Their frames' time on the wire decides when the next ones are due.
+    /// The clocks to read now. The wire time of their frames decides when the next ones are due.
     pub fn batch(&mut self, now: Time<Host>) -> Vec<Wanted> {
         let count = self.all.len();
         let there = |at: &usize| !self.all[*at].awaited;
@@ -251,7 +252,7 @@ impl Clocks {
         wanted
     }
 
-    /// The state of a SubDevice has changed.
+    /// Called when the state of a SubDevice has changed.
     pub fn meet(&mut self, device: &SubDevice) {
         let clock = self.all.iter_mut().find(|clock| clock.position == device.position);
         if let Some(clock) = clock.filter(|_| device.admitted) {
@@ -259,7 +260,7 @@ impl Clocks {
         }
     }
 
-    /// Takes what came back from one of them; gives the alarms that come or go.
+    /// Takes the answer of one of them; returns the alarms that come or end.
     pub fn sample(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         let Some(clock) = self.all.get_mut(index) else { return Vec::new() };
         if let Some(registers) = found {
@@ -269,7 +270,7 @@ impl Clocks {
     }
 }
 
-/// Reads the registers of these clocks, all together.
+/// Reads the registers of these clocks together.
 pub(crate) async fn read(link: Link, wanted: Vec<Wanted>) -> Vec<(usize, Option<Registers>)> {
     let difference = register::SYSTEM_TIME_DIFFERENCE.address;
     let status = register::ACTIVATION_STATUS.address;
@@ -309,16 +310,16 @@ fn reading(registers: &Registers, polarity: DifferencePolarity) -> Reading {
     }
 }
 
-/// One nanosecond more every `start - change + 2` ticks of 10 ns, one less every `start + change + 2` (ESC data sheet,
-/// registers 0x0930 and 0x0932).
+/// Correction from registers 0x0930 and 0x0932, ppb. The clock counts one nanosecond more every
+/// `start - change + 2` ticks of 10 ns, and one less every `start + change + 2` (ESC data sheet).
 fn correction_ppb(start: i64, change: i64) -> i64 {
     let part = |ticks: i64| if ticks > 0 { 100_000_000 / ticks } else { 0 };
     part(start - change + 2) - part(start + change + 2)
 }
 
-/// Clocks that are read together.
+/// Number of clocks that are read together.
 const BATCH: usize = 8;
-/// A clock slides when its slope is so many times what a converged one may have.
+/// A clock drifts if its slope exceeds that of a converged one by this factor.
 const SLIDING: i64 = 2;
 /// Resolution of an ESC's clock, ns.
 const TICK: i64 = 10;
@@ -328,7 +329,8 @@ const NANOS_PER_SECOND: i128 = 1_000_000_000;
 mod tests {
     use super::*;
 
-    /// Start 0x1000 and a difference of 100: 1.19 ppm; the ends of the range some 763 ppm.
+    /// A start value of 0x1000 and a difference of 100 give 1.19 ppm; the ends of the range are
+    /// about 763 ppm.
     #[test]
     fn the_speed_counter_in_ppb() {
         assert!(

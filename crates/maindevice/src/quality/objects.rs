@@ -1,5 +1,5 @@
-//! What the sync objects 0x1C32 and 0x1C33 say while the segment runs: error counters and measured distances, read by SDO,
-//! one entry at a time, each SubDevice in turn.
+//! Reads the sync objects 0x1C32 and 0x1C33 while the segment runs: error counters and measured
+//! distances, by SDO, one entry at a time, each SubDevice in turn.
 
 use alloc::vec::Vec;
 
@@ -14,24 +14,24 @@ use crate::segment::{SubDevice, SyncEntry, SyncObject};
 
 /// One entry of 0x1C32 or 0x1C33 as it was last read.
 ///
-/// Reading changes nothing in the device: only a write to :08 and the way up set counters back, and
+/// Reading changes nothing in the device. Only a write to :08 and the bring-up reset counters, and
 /// distances are the least and the largest since SAFEOP.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct EntryQuality {
-    /// Which.
+    /// The entry.
     pub object: ObjectAddress,
-    /// When its last answer came, and its value: a count, ns for distances (:0F to :12), 0 or 1 for the sync
-    /// error (:20); `None` before the first.
+    /// Time of its last answer, and its value: a count, ns for distances (:0F to :12), 0 or 1 for
+    /// the sync error (:20). `None` before the first answer.
     pub last: Option<(Time<Host>, u32)>,
-    /// How much the counter has risen from reading to reading. 0x1C32:0B counts down by itself while events come in
-    /// time, so a fall of it says nothing, and what rose and fell between two readings was not seen; any other that
-    /// falls has begun anew from 0.
+    /// Increase of the counter, summed from reading to reading. 0x1C32:0B decreases by itself while
+    /// events come in time, so its decrease has no meaning, and an error that came and went between
+    /// two readings is not seen. Any other counter that decreases has started again from 0.
     pub risen: u64,
     alarm: Hysteresis,
 }
 
 impl EntryQuality {
-    /// Whether its alarm ([`Alarm::Counter`]) is up.
+    /// Whether its alarm ([`Alarm::Counter`]) is raised.
     pub const fn has_alarm(&self) -> bool {
         self.alarm.is_up()
     }
@@ -41,7 +41,7 @@ impl EntryQuality {
         Self { object, last: None, risen: 0, alarm: Hysteresis::new(1, CALM) }
     }
 
-    /// Takes a value; gives the alarm if it comes or goes.
+    /// Takes a value; returns the alarm if it comes or ends.
     fn take(&mut self, at: Time<Host>, value: u32) -> Option<(bool, Found)> {
         let before = self.last.replace((at, value)).map_or(value, |(_, value)| value);
         let rise = match self.object.sub {
@@ -66,23 +66,23 @@ impl EntryQuality {
 #[derive(Clone, Debug)]
 pub struct ObjectQuality {
     position: usize,
-    /// The entries that it has; one that it refuses to give is left out from then on.
+    /// The entries that it has, without those that it refused.
     pub entries: Vec<EntryQuality>,
-    /// Services that had no answer.
+    /// Number of services without an answer.
     pub unanswered: u32,
     silent: Hysteresis,
     turn: usize,
-    /// It is not asked before.
+    /// It is not asked before this time.
     rests: Time<Host>,
 }
 
 impl ObjectQuality {
-    /// Whether [`Alarm::MailboxSilent`] is up.
+    /// Whether [`Alarm::MailboxSilent`] is raised.
     pub const fn is_silent(&self) -> bool {
         self.silent.is_up()
     }
 
-    /// What it said on the way up decides what it is asked.
+    /// Chooses the entries to read from the answers during bring-up.
     fn new(device: &SubDevice, asked: bool) -> Self {
         let of = |index: u16, object: &Option<SyncObject>, subs: &'static [u8]| {
             let entries = object.iter().flat_map(|object| &object.entries);
@@ -106,7 +106,7 @@ impl ObjectQuality {
         }
     }
 
-    /// Takes an answer; gives the alarms that come or go.
+    /// Takes an answer; returns the alarms that come or end.
     fn take(&mut self, object: ObjectAddress, at: Time<Host>, answer: &SdoResult) -> Vec<Change> {
         let position = self.position;
         let mut changes = Vec::new();
@@ -120,7 +120,7 @@ impl ObjectQuality {
             tell(Alarm::MailboxSilent, (raised, found));
         }
         if silent {
-            // Each service without an answer takes seconds in which no other SubDevice is asked.
+            // A service without an answer takes seconds, during which no other SubDevice is asked.
             self.rests = at + REST;
             return changes;
         }
@@ -152,13 +152,13 @@ pub(super) struct Objects {
 }
 
 impl Objects {
-    /// Those of a segment; none if they are not asked for.
+    /// The objects of a segment; none without `asked`.
     pub fn new(asked: bool, devices: &[SubDevice], pace: Pace) -> Self {
         let all = devices.iter().map(|device| ObjectQuality::new(device, asked)).collect();
         Self { asked, all, turn: 0, pace }
     }
 
-    /// Whether any SubDevice has something to read.
+    /// Whether any SubDevice has an entry to read.
     pub fn are_there(&self) -> bool {
         self.all.iter().any(|device| !device.entries.is_empty())
     }
@@ -167,8 +167,8 @@ impl Objects {
         self.pace.is_due(now) && self.are_there()
     }
 
-    /// The state of a SubDevice has changed: what was silent may answer now, and what is in one that was not there is
-    /// known now.
+    /// Called when the state of a SubDevice has changed: a silent one may answer now, and the
+    /// entries of one that has come are now known.
     pub fn meet(&mut self, device: &SubDevice) {
         let Some(known) = self.all.get_mut(device.position) else { return };
         known.rests = Time::ZERO;
@@ -177,7 +177,7 @@ impl Objects {
         }
     }
 
-    /// What to read next, of those whose mailbox is free.
+    /// The entry to read next, of SubDevices with a free mailbox.
     pub fn next(
         &mut self,
         now: Time<Host>,
@@ -198,7 +198,7 @@ impl Objects {
         Some((device.position, entry.object))
     }
 
-    /// Takes the answer to what was read; gives the alarms that come or go.
+    /// Takes the answer of a reading; returns the alarms that come or end.
     pub fn take(
         &mut self,
         (position, object): (usize, ObjectAddress),
@@ -215,7 +215,7 @@ fn number(bytes: &[u8]) -> Option<u32> {
     fits.then(|| bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte)))
 }
 
-/// What counts, and whether it was too much.
+/// The error counters, and the sync error flag.
 const COUNTERS: [u8; 5] = [
     sub::SM_EVENT_MISSED,
     sub::CYCLE_TIME_TOO_SMALL,
@@ -223,18 +223,18 @@ const COUNTERS: [u8; 5] = [
     sub::TOGGLE_FAILED,
     sub::SYNC_ERROR,
 ];
-/// What the device measures of SM2 events and SYNC0; reserved in 0x1C33.
+/// The distances of SM2 events and SYNC0 that the device measures; reserved in 0x1C33.
 const DISTANCES: [u8; 4] = [
     sub::MINIMUM_CYCLE_DISTANCE,
     sub::MAXIMUM_CYCLE_DISTANCE,
     sub::MINIMUM_SM_SYNC_DISTANCE,
     sub::MAXIMUM_SM_SYNC_DISTANCE,
 ];
-/// Readings without a rise that let go the alarm of a counter.
+/// Number of readings without an increase that end the alarm of a counter.
 const CALM: u8 = 3;
-/// A mailbox that did not answer is left alone for so long.
+/// Pause after a mailbox did not answer.
 const REST: Nanos = Nanos(30_000_000_000);
-/// When no mailbox is free.
+/// Pause if no mailbox is free.
 const LOOK_AGAIN: Nanos = Nanos(10_000_000);
 
 #[cfg(test)]
@@ -257,7 +257,7 @@ mod tests {
         values.iter().enumerate().map(of).collect()
     }
 
-    /// What it was at first raises nothing; one more does, and three readings without let go.
+    /// The first value raises no alarm; an increase does, and three readings without one end it.
     #[test]
     fn a_counter_that_rises() {
         let mut counter = entry(0x0C);
@@ -266,12 +266,12 @@ mod tests {
         assert_eq!(changes[8], Some(false), "two readings were not enough: {changes:?}");
         assert_eq!(changes.iter().flatten().count(), 2);
         assert_eq!((counter.risen, counter.last), (2, Some((Time::new(9), 9))));
-        // Set back, and risen to 3 since.
+        // The counter was reset, and has risen to 3 since.
         assert_eq!(take(&mut counter, &[3]), [Some(true)]);
         assert_eq!(counter.risen, 5);
     }
 
-    /// 0x1C32:0B is paid off by events in time: only what it rises by counts.
+    /// 0x1C32:0B decreases by events in time: only its increases count.
     #[test]
     fn the_counter_that_leaks() {
         let mut missed = entry(0x0B);
@@ -281,7 +281,7 @@ mod tests {
         assert_eq!(missed.risen, 9);
     }
 
-    /// The flag is an alarm as long as it is set, also if it was from the start; distances are none.
+    /// The flag is an alarm as long as it is set, even from the start; distances raise none.
     #[test]
     fn sync_error_and_distances() {
         let mut flag = entry(0x20);
@@ -312,7 +312,8 @@ mod tests {
         objects
     }
 
-    /// Round and round, past who has nothing, and whose mailbox is in use; what is refused is not asked again.
+    /// SubDevices without entries and with a mailbox in use are skipped; a refused entry is not
+    /// read again.
     #[test]
     fn each_in_turn() {
         let mut objects = objects(&[&[0x01, 0x0B, 0x0C, 0x11], &[0x01, 0x02], &[0x0D]]);
@@ -340,7 +341,8 @@ mod tests {
         assert!(!objects.is_due(now), "nobody is free: later");
     }
 
-    /// Three services without an answer raise it, the first answer lets go; in between it has its rest.
+    /// Three services without an answer raise the alarm, and the first answer ends it; in between
+    /// the mailbox gets its pause.
     #[test]
     fn a_mailbox_that_is_silent() {
         let mut objects = objects(&[&[0x0B]]);

@@ -1,14 +1,14 @@
-//! How often something is read, so that its frames take no more of the wire than their share.
+//! How often to read, so that the frames take at most their share of the wire.
 
 use isocat_wire::frame;
 use isocat_wire::time::{Host, Nanos, Time};
 
-/// Says when to read next, by what the reads before cost.
+/// Tells when to read next, by the cost of the reads before.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pace {
-    /// So much wire time in 1000.
+    /// Permille of the wire time.
     share: i64,
-    /// The share is one of so many parts.
+    /// Number of parts that divide the share; one part is used here.
     parts: i64,
     next: Time<Host>,
     spent: Nanos,
@@ -20,7 +20,7 @@ impl Pace {
         Self { share: i64::from(share_permille.max(1)), parts: 1, next: now, spent: Nanos::ZERO }
     }
 
-    /// From now on one of so many parts.
+    /// Sets the number of parts from now on.
     pub fn divide(&mut self, parts: i64) {
         self.parts = parts;
     }
@@ -29,13 +29,13 @@ impl Pace {
         now >= self.next
     }
 
-    /// Counts wire time. What was read late is made up for once, no more.
+    /// Adds wire time. A late read shortens at most one pause.
     pub fn charge(&mut self, now: Time<Host>, cost: Nanos) {
         self.spent += cost;
         self.next = (self.next + Nanos(cost.0 * 1_000 * self.parts / self.share)).max(now);
     }
 
-    /// There is nothing to read now.
+    /// Pauses, because there is nothing to read now.
     pub fn rest(&mut self, now: Time<Host>, pause: Nanos) {
         self.next = self.next.max(now + pause);
     }
@@ -46,7 +46,7 @@ impl Pace {
     }
 }
 
-/// The time that datagrams of these lengths take in a frame of their own, preamble and gap included.
+/// The time that datagrams of these lengths take in one frame, including preamble and gap.
 pub fn wire_time(lengths: impl Iterator<Item = usize>) -> Nanos {
     let overhead = isocat_wire::datagram::HEADER_LEN + isocat_wire::datagram::WKC_LEN;
     let datagrams: usize = lengths.map(|length| length + overhead).sum();
@@ -59,7 +59,7 @@ pub fn wire_time(lengths: impl Iterator<Item = usize>) -> Nanos {
 mod tests {
     use super::*;
 
-    /// 1 us at one of two parts of 10 permille: every 200 us, to the nanosecond.
+    /// 1 us at half of 10 permille is due every 200 us, to the nanosecond.
     #[test]
     fn due_when_the_share_allows_it() {
         let mut pace = Pace::new(10, Time::new(0));
@@ -67,10 +67,10 @@ mod tests {
         assert!(pace.is_due(Time::new(0)));
         pace.charge(Time::new(0), Nanos(1_000));
         assert_eq!([199_999, 200_000].map(|at| pace.is_due(Time::new(at))), [false, true]);
-        // Late by 50 us, which the next one makes up for.
+        // It is late by 50 us, which shortens the next pause.
         pace.charge(Time::new(250_000), Nanos(1_000));
         assert_eq!([399_999, 400_000].map(|at| pace.is_due(Time::new(at))), [false, true]);
-        // Later than the next one: that comes at once, and nothing is saved up.
+        // It is later than the next one, which is due at once; no further time is saved up.
         pace.charge(Time::new(900_000), Nanos(1_000));
         assert!(pace.is_due(Time::new(900_000)));
         pace.charge(Time::new(900_000), Nanos(1_000));
@@ -78,7 +78,7 @@ mod tests {
         assert_eq!(pace.spent(), Nanos(4_000));
     }
 
-    /// A short frame is padded; 64 bytes with check sequence, 8 of preamble, 12 of gap.
+    /// A short frame is padded: 64 bytes with check sequence, 8 of preamble, 12 of gap.
     #[test]
     fn frames_of_their_own() {
         assert_eq!(wire_time([1].into_iter()), Nanos(84 * 80));

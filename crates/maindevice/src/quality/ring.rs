@@ -2,17 +2,17 @@
 
 use alloc::vec::Vec;
 
-/// Keeps the last values, in memory that is taken once.
+/// Keeps the last values, in memory that is allocated once.
 #[derive(Clone, Debug)]
 pub(super) struct Ring<T> {
     values: Vec<T>,
     length: usize,
-    /// Where the next one goes once it is full: the oldest.
+    /// Index of the oldest value, which the next one replaces when the ring is full.
     next: usize,
 }
 
 impl<T: Copy> Ring<T> {
-    /// Keeps `length` values, one at least.
+    /// Keeps `length` values, at least one.
     pub fn new(length: usize) -> Self {
         let length = length.max(1);
         Self { values: Vec::with_capacity(length), length, next: 0 }
@@ -27,7 +27,7 @@ impl<T: Copy> Ring<T> {
         self.next = (self.next + 1) % self.length;
     }
 
-    /// Oldest first.
+    /// The values, oldest first.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = T> + '_ {
         let (new, old) = self.values.split_at(self.next.min(self.values.len()));
         old.iter().chain(new).copied()

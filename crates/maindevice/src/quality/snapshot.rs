@@ -1,4 +1,4 @@
-//! All that is known at one moment, and the moments before.
+//! All present readings of the segment, and their history.
 
 use alloc::vec::Vec;
 
@@ -14,57 +14,59 @@ use crate::cycle::CyclicExchange;
 use crate::segment::{Segment, SubDevice, Timing};
 use crate::statistics::Statistics;
 
-/// What is known of the segment now. All points of time in it are the host's;
-/// [`MainDevice::system_time`](crate::MainDevice::system_time) tells any of them in the segment's time.
+/// The present state of the segment. All points of time in it are host times;
+/// [`MainDevice::system_time`](crate::MainDevice::system_time) converts them to system time.
 #[derive(Clone, Copy, Debug)]
 pub struct Snapshot<'a> {
-    /// Now.
+    /// The present host time.
     pub at: Time<Host>,
-    /// Now, in the segment's time, by the servo.
+    /// The present system time, by the servo.
     pub system: Time<Dc>,
-    /// Cycles begun.
+    /// Number of cycles begun.
     pub cycle: u64,
-    /// Cycles since all clocks last took the reference's time; `None` without clocks.
+    /// Number of cycles since all clocks last took the reference's time; `None` without clocks.
     pub unled: Option<u64>,
-    /// By chunk of the process image: cycles in a row whose working counter was wrong, of LRW or LRD and of LWR.
+    /// By chunk of the process image: cycles in a row whose working counter was wrong, of LRW or
+    /// LRD and of LWR.
     pub working_counters: &'a [[u64; 2]],
-    /// All clocks but the reference's own.
+    /// All clocks but the reference clock.
     pub clocks: &'a [ClockQuality],
     /// By position: error counters and distances.
     pub objects: &'a [ObjectQuality],
-    /// By position: AL status, and what is left before SYNC0.
+    /// By position: AL status, and the time left before SYNC0.
     pub devices: &'a [DeviceQuality],
     pub(super) moments: &'a Ring<Moment>,
 }
 
 impl<'a> Snapshot<'a> {
-    /// The last moments, oldest first, each of a hundred cycles or a few more; as many are kept as readings of a
-    /// clock.
+    /// The last moments, oldest first, each of a hundred cycles or a few more. Their number is
+    /// limited like the readings of a clock.
     pub fn moments(&self) -> impl DoubleEndedIterator<Item = Moment> + 'a {
         self.moments.iter()
     }
 }
 
-/// What happened in some hundred cycles.
+/// Summary of about a hundred cycles.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Moment {
-    /// Its end.
+    /// Host time of its end.
     pub at: Time<Host>,
-    /// Its end in the segment's time.
+    /// System time of its end.
     pub system: Time<Dc>,
     /// The last cycle in it.
     pub cycle: u64,
-    /// Cycles in it.
+    /// Number of cycles in it.
     pub cycles: u64,
     /// OR of all AL status at its end.
     pub al_status: AlStatus,
-    /// SubDevices that answered at its end.
+    /// Number of SubDevices that answered at its end.
     pub answering: u16,
-    /// Datagrams with a wrong working counter in it.
+    /// Number of datagrams with a wrong working counter in it.
     pub working_counter_errors: u64,
-    /// Frames lost in it.
+    /// Number of frames lost in it.
     pub frames_lost: u64,
-    /// How much later than planned the latest frame found the reference clock; `None`: none brought a time back.
+    /// Largest lateness of a frame at the reference clock against the plan; `None`: no frame
+    /// brought a time back.
     pub latest: Option<Nanos>,
     /// The largest of the last readings of 0x092C.
     pub difference: Nanos,
@@ -77,28 +79,28 @@ pub struct DeviceQuality {
     pub status: AlStatus,
     /// Its code (0x0134).
     pub code: AlStatusCode,
-    /// Since when it is so, to the next reading; from operation on.
+    /// When this state was first read; at the earliest the start of operation.
     pub since: Time<Host>,
-    /// What is left before SYNC0; `None` if it has no SYNC0, or without clocks.
+    /// Time left before SYNC0; `None` without SYNC0 or without clocks.
     pub margin: Option<Margin>,
 }
 
-/// What frames leave between outputs ready, as the device states its times, and the SYNC0 that they are for. Counted by
-/// the time that the reference clock puts into the cycle's first frame, so what the host's stamps are like is not in
-/// it; the clock error is taken off, as in the plan.
+/// Time from outputs ready, by the times that the device states, to the SYNC0 that uses them. It is
+/// computed from the time that the reference clock writes into the cycle's first frame, so it does
+/// not include errors of the host's stamps. The clock error is subtracted, as in the plan.
 #[derive(Clone, Copy, Debug)]
 pub struct Margin {
-    /// With a frame in time.
+    /// For a frame in time.
     pub planned: Nanos,
-    /// In the last hundred cycles, at the latest frame.
+    /// For the latest frame of the last hundred cycles.
     pub last: Nanos,
-    /// The least so far.
+    /// The smallest so far.
     pub least: Nanos,
     alarm: Hysteresis,
 }
 
 impl Margin {
-    /// Whether its alarm ([`Alarm::Margin`]) is up.
+    /// Whether its alarm ([`Alarm::Margin`]) is raised.
     pub const fn has_alarm(&self) -> bool {
         self.alarm.is_up()
     }
@@ -106,13 +108,14 @@ impl Margin {
     fn new(timing: &Timing, position: usize) -> Option<Self> {
         let (_, budget) = timing.devices.get(position)?;
         let slack = budget.lines().filter(|line| BEFORE_SYNC0.contains(&line.check));
-        // The jitter that the plan keeps free is there for frames that are late.
+        // The plan reserves the jitter for late frames.
         let planned = slack.map(|line| line.slack()).min()? + timing.cycle.jitter;
         let alarm = Hysteresis::new(RAISE, LET_GO);
         Some(Self { planned, last: planned, least: planned, alarm })
     }
 
-    /// Takes the latest frame. It is well again with a quarter of what is planned above the limit.
+    /// Takes the latest frame. The alarm ends at a quarter of the way from the limit to the planned
+    /// margin.
     fn take(&mut self, latest: Nanos, limit: Option<Nanos>) -> Option<(bool, Found)> {
         self.last = self.planned - latest;
         self.least = self.least.min(self.last);
@@ -123,7 +126,7 @@ impl Margin {
     }
 }
 
-/// Keeps what a snapshot needs beside clocks and objects.
+/// Keeps the parts of a snapshot other than clocks and objects.
 #[derive(Clone, Debug)]
 pub(super) struct Record {
     pub devices: Vec<DeviceQuality>,
@@ -142,7 +145,7 @@ impl Record {
         cycle: u64,
         counts: &Statistics,
     ) -> Self {
-        // Without a clock no frame brings back when it came.
+        // Without a clock no frame brings back its arrival time.
         let timing = segment.timing.as_ref().filter(|_| segment.reference.is_some());
         let device = |device: &SubDevice| DeviceQuality {
             status: device.al_status,
@@ -158,12 +161,12 @@ impl Record {
         }
     }
 
-    /// Whether a moment is over.
+    /// Whether a moment has ended.
     pub fn is_due(&self, cycle: u64) -> bool {
         cycle.wrapping_sub(self.before.0) >= MOMENT
     }
 
-    /// Takes the states as they are known now; tells whose has changed.
+    /// Takes the present states; returns which ones changed.
     pub fn take_states(
         &mut self,
         now: Time<Host>,
@@ -180,7 +183,7 @@ impl Record {
         }
     }
 
-    /// Ends a moment; gives the alarms that come or go.
+    /// Ends a moment; returns the alarms that come or end.
     pub fn end_moment(
         &mut self,
         now: Time<Host>,
@@ -219,9 +222,9 @@ impl Record {
     }
 }
 
-/// Cycles of a moment.
+/// Number of cycles of a moment.
 const MOMENT: u64 = 100;
-/// The lines of the plan that a late frame eats up.
+/// The lines of the plan whose slack a late frame reduces.
 const BEFORE_SYNC0: [Check; 3] =
     [Check::OutputsStoredBeforeSync0, Check::OutputsBeforeSync0, Check::InputsReadBeforeSync0];
 
@@ -229,7 +232,8 @@ const BEFORE_SYNC0: [Check; 3] =
 mod tests {
     use super::*;
 
-    /// 60 us planned, limit 20 us: raised below 20 us three times in a row, well again from 30 us on.
+    /// 60 us are planned and the limit is 20 us: the alarm is raised below 20 us three times in a
+    /// row, and ends from 30 us on.
     #[test]
     fn margins_by_one_nanosecond() {
         let planned = Nanos(60_000);

@@ -44,7 +44,7 @@ fn registers(at: u64, difference: i64) -> Option<Registers> {
     Some(Registers { at: Time::new(at), bytes, activation: None })
 }
 
-/// Both sides of the limit, of the number of readings, and of what lets go.
+/// Tests both sides of the limit, of the number of readings, and of the limit that ends the alarm.
 #[test]
 fn alarms_come_and_go_late() {
     let mut monitor = monitor(1);
@@ -100,13 +100,13 @@ fn a_clock_that_slides_and_one_that_is_silent() {
     assert_eq!(monitor.take_clock(0, None)[0].alarm, Alarm::Silent);
 }
 
-/// A ring: the oldest go. The bound is made of what is in it.
+/// The oldest readings are dropped, and the bound uses the remaining ones.
 #[test]
 fn the_last_readings_and_their_bound() {
     let mut monitor = monitor(1);
     assert_eq!(monitor.clocks()[0].bound(), None);
     monitor.take_clock(0, registers(0, 77));
-    // Tick of either clock; 5 ns and 1.96 times 1 ns for the delay.
+    // The tick of either clock; 5 ns and 1.96 times 1 ns for the delay.
     assert_eq!(monitor.clocks()[0].bound(), Some(Nanos(77 + 20 + 7)));
     for i in 1..=20 {
         monitor.take_clock(0, registers(i * 1_000_000, 30));
@@ -118,7 +118,7 @@ fn the_last_readings_and_their_bound() {
     assert_eq!(clock.bound(), Some(Nanos(30 + 20 + 7)));
 }
 
-/// 20 clocks in batches of eight; never more of the wire than the share.
+/// 20 clocks are read in batches of eight, and never take more of the wire than the share.
 #[test]
 fn reads_within_its_share() {
     let mut monitor = monitor(20);
@@ -138,14 +138,15 @@ fn reads_within_its_share() {
     assert!(seen.iter().max().unwrap() - seen.iter().min().unwrap() <= 1, "{seen:?}");
 }
 
-/// Off by three times the limit: on the way back it converges; at rest and on the way out it does not. By one ppb.
+/// The difference is three times the limit: a clock that approaches converges, one at rest or
+/// moving away does not. The border is tested by one ppb.
 #[test]
 fn a_clock_that_stays_off() {
     let alarms = |slope_ppb: i64| {
         let mut monitor = monitor(1);
         let mut changes = Vec::new();
         for i in 0..25_i64 {
-            // A reading each second: the slope in ppb is exact.
+            // With a reading each second the slope in ppb is exact.
             let difference = -(1_000_000 + slope_ppb * i);
             changes.extend(monitor.take_clock(0, registers(i as u64 * 1_000_000_000, difference)));
         }
@@ -164,7 +165,7 @@ fn a_clock_that_stays_off() {
     assert_eq!(alarms(-30_000), []);
 }
 
-/// Clocks and objects have half of the share each; who is alone has all of it.
+/// Clocks and objects have half of the share each; a single kind has all of it.
 #[test]
 fn halves_of_the_share() {
     let device = |position: usize, with_objects: bool| {
@@ -208,7 +209,7 @@ fn halves_of_the_share() {
     near(shares(false, true), [0.0, 10.0]);
 }
 
-/// A SubDevice that is not there at the start is not asked, and is from the moment at which it comes.
+/// A SubDevice that is absent at the start is not asked until it comes.
 #[test]
 fn one_that_is_awaited() {
     let device = |position: usize| {

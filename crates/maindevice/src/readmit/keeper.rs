@@ -1,4 +1,5 @@
-//! Those that are lost or out of OP: who is in hand, and when somebody is tried again.
+//! SubDevices that are lost or out of OP: which of them a procedure handles, and when the next
+//! attempt is.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -10,39 +11,41 @@ use crate::config::{Readmission, Recovery};
 use crate::error::Cause;
 use crate::segment::Segment;
 
-/// What is known of those that are lost or out of OP.
+/// What is known of the SubDevices that are lost or out of OP.
 #[derive(Default)]
 pub(crate) struct Keeper {
     /// By position.
     absences: Vec<Absence>,
-    /// How those came out of it that were being taken up.
+    /// Results of the re-admissions.
     pub outcomes: Outcomes,
 }
 
-/// One SubDevice's troubles.
+/// The state of one SubDevice.
 #[derive(Clone, Copy, Default)]
 struct Absence {
-    /// A procedure has it in hand since.
+    /// Since when a procedure handles it; `None`: none does.
     busy: Option<Time<Host>>,
-    /// Not again before.
+    /// No further attempt before this time.
     not_before: Time<Host>,
-    /// Another device stands in its place, or it failed on the way up: it is not asked again before it is gone.
+    /// Whether another device is in its place, or it failed in bring-up. It is not tried again
+    /// before it is absent.
     taken: bool,
     /// Whether it was out of OP when its state was last read.
     fallen: bool,
-    /// When it was first seen well again after its last fall; `None` before that, and before any fall.
+    /// When it was first seen in OP again after it last left OP; `None` before that, and if it
+    /// never left OP.
     well_since: Option<Time<Host>>,
-    /// Attempts to bring it back to OP since it was last well.
+    /// Number of attempts to recover it since it was last in order.
     attempts: u32,
 }
 
 impl Keeper {
-    /// For so many SubDevices.
+    /// A keeper for `count` SubDevices.
     pub fn new(count: usize) -> Self {
         Self { absences: vec![Absence::default(); count], ..Self::default() }
     }
 
-    /// Who of those found is to be taken up now.
+    /// The SubDevices to re-admit now.
     pub fn wanted(
         &self,
         places: &[Option<usize>],
@@ -60,24 +63,24 @@ impl Keeper {
         (0..places.len().min(self.absences.len())).filter(wanted).collect()
     }
 
-    /// It was left out on the way up: it is left alone until it is gone.
+    /// Called when it was left out in bring-up: it is not tried again before it is absent.
     pub fn leave_out(&mut self, position: usize) {
         self.absences[position].taken = true;
     }
 
-    /// A procedure has it in hand.
+    /// Called when a procedure starts to handle it.
     pub fn begin(&mut self, position: usize, now: Time<Host>) {
         self.absences[position].busy = Some(now);
     }
 
-    /// It is admitted; how long it took.
+    /// Called when it is admitted; returns the time that it took.
     pub fn admitted(&mut self, position: usize, now: Time<Host>) -> Nanos {
         let busy = self.absences[position].busy;
         self.absences[position] = Absence::default();
         now - busy.unwrap_or(now)
     }
 
-    /// It was not admitted; when it is tried again.
+    /// Called when it was not admitted; returns the time until the next attempt.
     pub fn failed(
         &mut self,
         position: usize,
@@ -92,17 +95,17 @@ impl Keeper {
         (!absence.taken).then_some(policy.pause)
     }
 
-    /// Whether another device stands in its place.
+    /// Whether another device is in its place.
     pub fn is_out(&self, position: usize) -> bool {
         self.absences.get(position).is_some_and(|absence| absence.taken)
     }
 
-    /// Nobody stands in its place any more.
+    /// Called when no SubDevice answers in its place any more.
     pub fn is_absent(&mut self, position: usize) {
         self.absences[position].taken = false;
     }
 
-    /// Whether a SubDevice that left OP is to be brought back now; which attempt it is.
+    /// The number of the attempt if a SubDevice that left OP is to be recovered now.
     pub fn attempt(&mut self, position: usize, policy: Recovery, now: Time<Host>) -> Option<u32> {
         let absence = self.absences.get_mut(position)?;
         if absence.busy.is_some() {
@@ -132,7 +135,7 @@ impl Keeper {
         Some(absence.attempts)
     }
 
-    /// A SubDevice is in OP.
+    /// Called when a SubDevice is in OP.
     pub fn is_well(&mut self, position: usize, now: Time<Host>) {
         let Some(absence) = self.absences.get_mut(position) else { return };
         if core::mem::take(&mut absence.fallen) {
@@ -140,22 +143,22 @@ impl Keeper {
         }
     }
 
-    /// A SubDevice does not answer any more: it is not out of OP, but lost.
+    /// Called when a SubDevice no longer answers: it is lost, and no longer counts as out of OP.
     pub fn is_lost(&mut self, position: usize) {
         if let Some(absence) = self.absences.get_mut(position) {
-            // Its attempt ends with it, so that it can be admitted again.
+            // Its attempt ends too, so that it can be re-admitted.
             (absence.fallen, absence.busy) = (false, None);
         }
     }
 
-    /// When the next attempt to bring a SubDevice back to OP may begin; `None` if none is to come.
+    /// When the next attempt to recover a SubDevice may begin; `None` if none is planned.
     pub fn next_attempt(&self) -> Option<Time<Host>> {
         let waits = |absence: &&Absence| absence.fallen && absence.busy.is_none();
         self.absences.iter().filter(waits).map(|absence| absence.not_before).min()
     }
 
-    /// An attempt to bring it back to OP ended, in OP if it was `well`; how long it took, and when there may be
-    /// another.
+    /// Called at the end of an attempt; `well` if the SubDevice is in OP. Returns the time that it
+    /// took, and the time until another attempt.
     pub fn attempted(
         &mut self,
         position: usize,
@@ -205,16 +208,16 @@ mod tests {
         assert_eq!(failed(&mut keeper, 131), Some(Nanos::millis(30)), "no longer");
         assert_eq!(keeper.attempt(0, policy, ms(161)), Some(3));
         assert_eq!(keeper.attempted(0, policy, ms(161), true).1, Some(Nanos::millis(30)));
-        // Well for as long as the longest pause, no longer: the next attempt counts on.
+        // It was in OP for exactly the longest pause, so the next attempt continues the count.
         assert_eq!(keeper.attempt(0, policy, ms(191)), Some(4));
         assert_eq!(keeper.attempted(0, policy, ms(191), true).1, Some(Nanos::millis(30)));
-        // Longer than that: it begins anew.
+        // It was longer in OP, so the count starts again.
         assert_eq!(keeper.attempt(0, policy, ms(222)), None);
         assert_eq!(keeper.attempt(0, policy, ms(231)), None);
         assert_eq!(keeper.attempt(0, policy, ms(232)), Some(1));
     }
 
-    /// Looks may be further apart than both pauses together: that says nothing of how the SubDevice is.
+    /// The states may be read more seldom than both pauses together; a late reading is no recovery.
     #[test]
     fn a_look_that_comes_late_is_no_recovery() {
         let ms = |ms: u64| Time::new(1_000_000 * ms);
@@ -225,7 +228,7 @@ mod tests {
         keeper.attempted(0, policy, ms(2_010), false);
         assert_eq!(keeper.attempt(0, policy, ms(9_000)), Some(2), "it was not well in between");
         keeper.attempted(0, policy, ms(9_010), false);
-        // Lost, and gone with it what was to be tried.
+        // When it is lost, its planned attempt is dropped.
         keeper.is_lost(0);
         assert_eq!(keeper.next_attempt(), None);
     }

@@ -1,4 +1,4 @@
-//! Who answers, held against the tree of the scan.
+//! Compares the SubDevices that answer with the tree of the scan.
 
 use alloc::collections::{BTreeMap, BTreeSet};
 use alloc::vec;
@@ -9,11 +9,13 @@ use isocat_wire::PortNumber;
 use crate::health::Found;
 use crate::segment::{Segment, SubDevice};
 
-/// By position, at which place of the processing order who answers now stands; `None`: it does not answer.
+/// The place in the processing order at which each position answers, by position; `None`: it does
+/// not answer.
 ///
-/// A SubDevice is there if the one above it is, and its port there is open. `Err`: that does not agree with who
-/// answers, as while a link is coming up, or where cables were changed. `is_out`: another device was found in the
-/// place of this one, so that it is the turn of the next that may hang there.
+/// A SubDevice is present if its parent is and the parent's port to it is open. `Err`: this does
+/// not agree with the SubDevices that answer, for example while a link comes up, or after cables
+/// were changed. `is_out`: a different device was found in the place of this SubDevice, so the next
+/// one that may hang there is tried.
 pub(crate) fn places(
     segment: &Segment,
     everybody: &[Found],
@@ -24,14 +26,15 @@ pub(crate) fn places(
     let stations = segment.devices.iter().filter(|device| device.admitted);
     let stations: BTreeMap<_, _> =
         stations.map(|device| (device.station.0, device.position)).collect();
-    // Ports at which one of those that may hang there does.
+    // Ports at which one of the possible SubDevices hangs.
     let mut occupied = BTreeSet::new();
     for (position, device) in segment.devices.iter().enumerate() {
         let there = match device.parent {
             None => position == 0,
             Some((above, port)) => is_open(&places, everybody, above, port),
         };
-        // Of those that may hang at one port, one does: the first that was not found to be another.
+        // Only one of the SubDevices that may hang at one port does: the first that was not found
+        // to be a different one.
         let shares = |other: &&SubDevice| position > 0 && other.parent == device.parent;
         let port = device.parent.map(|(above, port)| (above, port.index()));
         let behind = &segment.devices[position + 1..];
@@ -47,7 +50,7 @@ pub(crate) fn places(
         if device.admitted && found.station != device.station {
             return Err(());
         }
-        // Somebody who is known stands elsewhere.
+        // A known SubDevice is at another place.
         if stations.get(&found.station.0).is_some_and(|known| *known != position) {
             return Err(());
         }
@@ -85,7 +88,7 @@ pub(super) mod tests {
         }
     }
 
-    /// Somebody with an address, and ports at which frames go on.
+    /// A SubDevice with an address and the ports at which frames continue.
     fn found(station: u16, ports: &[PortNumber]) -> Found {
         let open = |status: DlStatus, port: &PortNumber| status.with_port(*port, true, false, true);
         let dl_status = ports.iter().fold(DlStatus::default(), open);
@@ -96,7 +99,7 @@ pub(super) mod tests {
         places(segment, everybody, |_| false)
     }
 
-    /// Two groups for one port, a pair and one alone.
+    /// Two groups share one port: a pair and a single SubDevice.
     #[test]
     fn whose_turn_it_is_at_a_port_that_several_may_hang_at() {
         use PortNumber::{P0, P1, P2};
@@ -129,14 +132,15 @@ pub(super) mod tests {
         segment.devices[2].admitted = false;
         let fork = found(0x1001, &[P0, P1, P2]);
         let right = found(0x1004, &[P0]);
-        // Both are back; the first of them alone; nobody.
+        // Both are back; only the first; none.
         let all = [fork, found(0, &[P0, P1]), found(0x1003, &[P0]), right];
         assert_eq!(stand(&segment, &all), Ok(vec![Some(0), Some(1), Some(2), Some(3)]));
         let one = [fork, found(0, &[P0]), right];
         assert_eq!(stand(&segment, &one), Ok(vec![Some(0), Some(1), None, Some(2)]));
         let none = [found(0x1001, &[P0, P2]), right];
         assert_eq!(stand(&segment, &none), Ok(vec![Some(0), None, None, Some(1)]));
-        // A port is open and nobody follows yet; one more than the tree has; one that is known, elsewhere.
+        // Rejected: an open port without a SubDevice behind it yet; one more than the tree has; a
+        // known one at another place.
         assert_eq!(stand(&segment, &[fork, right]), Err(()));
         let more = [fork, found(0, &[P0]), right, found(0, &[P0])];
         assert_eq!(stand(&segment, &more), Err(()));

@@ -1,4 +1,4 @@
-//! One frame of two copies, command by command.
+//! Merges two copies into one frame, command by command.
 
 use alloc::vec::Vec;
 
@@ -8,10 +8,11 @@ use isocat_wire::datagram::{Layout, Layouts};
 use isocat_wire::frame::{LOCALLY_ADMINISTERED, payload_offset};
 use isocat_wire::register;
 
-/// What the datagrams of a frame counted.
+/// Working counters of a frame's datagrams.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(super) struct Counts {
-    /// Its last broadcast read: SubDevices that answered to the primary port and to the secondary port.
+    /// Its last broadcast read: SubDevices that answered to the primary port and to the secondary
+    /// port.
     pub broadcast: Option<(u16, u16)>,
 }
 
@@ -20,7 +21,7 @@ pub(super) struct Counts {
 enum Role {
     Same,
     Nothing,
-    /// Another clock leads.
+    /// It carries the time of another reference clock.
     Led(StationAddress),
 }
 
@@ -49,7 +50,7 @@ pub(super) fn change(bytes: &mut [u8], leader: Option<StationAddress>) {
     }
 }
 
-/// Whether any datagram counted.
+/// Whether any datagram has a working counter above 0.
 pub(super) fn counts(frame: &[u8]) -> bool {
     let Ok(start) = payload_offset(frame) else { return false };
     let payload = &frame[start..];
@@ -57,7 +58,7 @@ pub(super) fn counts(frame: &[u8]) -> bool {
     core::iter::from_fn(|| layouts.next(payload)?.ok()).any(|layout| wkc(payload, &layout) > 0)
 }
 
-/// Makes one frame of both copies in `out`; `None` if they do not go together.
+/// Merges both copies into `out`; `None` if they do not belong together.
 pub(super) fn merge(
     a: &[u8],
     b: &[u8],
@@ -104,7 +105,7 @@ pub(super) fn merge(
     Some(counts)
 }
 
-/// Copy A goes on alone.
+/// Uses copy A alone.
 pub(super) fn alone_a(a: &[u8], sent: &[u8], out: &mut Vec<u8>) -> Option<Counts> {
     let start = prepare(a, out)?;
     let (sent, a) = (sent.get(start..)?, a.get(start..)?);
@@ -122,7 +123,7 @@ pub(super) fn alone_a(a: &[u8], sent: &[u8], out: &mut Vec<u8>) -> Option<Counts
     Some(counts)
 }
 
-/// Copy B goes on alone: what was changed in it is as it was sent.
+/// Uses copy B alone: datagrams that were changed for it become as they were sent.
 pub(super) fn alone_b(
     b: &[u8],
     sent: &[u8],
@@ -149,7 +150,7 @@ pub(super) fn alone_b(
         for at in events(&layout) {
             out[at] = b[at];
         }
-        // The time of another clock than the one that was asked for is none.
+        // The time of a clock other than the requested one is not used.
         if role == Role::Same || leads_all(&layout, role) {
             let data = layout.data()..layout.wkc();
             out[data.clone()].copy_from_slice(&b[data]);
@@ -161,12 +162,12 @@ pub(super) fn alone_b(
     Some(counts)
 }
 
-/// The clock that was asked for is the one that leads behind the cut.
+/// Whether the requested clock is the reference behind the cut.
 fn leads_all(layout: &Layout, role: Role) -> bool {
     role == Role::Led(StationAddress(layout.header.adp()))
 }
 
-/// A copy of `frame` in `out`; gives where its datagrams begin.
+/// Copies `frame` into `out`; returns the offset of its datagrams.
 fn prepare(frame: &[u8], out: &mut Vec<u8>) -> Option<usize> {
     out.clear();
     out.extend_from_slice(frame);
@@ -181,7 +182,7 @@ fn put_wkc(payload: &mut [u8], layout: &Layout, value: u16) {
     payload[layout.wkc()..layout.end()].copy_from_slice(&value.to_le_bytes());
 }
 
-/// Where the event bits of a datagram are.
+/// The bytes of a datagram's event bits.
 fn events(layout: &Layout) -> core::ops::Range<usize> {
     layout.data() - 2..layout.data()
 }

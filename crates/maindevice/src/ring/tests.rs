@@ -1,4 +1,4 @@
-//! Two copies made to one frame, and the waiting for the second.
+//! Merging of two copies, and the wait for the second one.
 
 use std::vec::Vec;
 
@@ -39,7 +39,7 @@ fn layouts(frame: &[u8]) -> (usize, Vec<Layout>) {
     (start, core::iter::from_fn(|| layouts.next(payload)?.ok()).collect())
 }
 
-/// What a part answers to each datagram: data, and by how much the working counter grows.
+/// The answer of a part to each datagram: data, and the increase of the working counter.
 fn answer(mut frame: Vec<u8>, answers: &[(&[u8], u16)]) -> Vec<u8> {
     frame[6] |= LOCALLY_ADMINISTERED;
     let (start, layouts) = layouts(&frame);
@@ -76,7 +76,7 @@ fn merged(
     first(&out)
 }
 
-/// What copy B carries in the place of a datagram.
+/// The datagram in copy B for a given one.
 fn changed(what: (Command, Address, &[u8]), leader: Option<StationAddress>) -> Layout {
     let mut bytes = frame(1, &[what]);
     let before = bytes.len();
@@ -124,7 +124,7 @@ fn what_copy_b_carries() {
             "{command}"
         );
     }
-    // The drift datagram is led by another, or by nobody.
+    // The drift datagram gets another reference, or none.
     let drift = (Frmw, station(0x0910), &[0; 8][..]);
     assert_eq!(changed(drift, None).header.command(), Ok(Nop));
     let led = changed(drift, far).header;
@@ -142,7 +142,8 @@ fn each_command_where_either_part_answers_or_both() {
         assert_eq!(read(command, (&[8, 1], 1), (&[0, 0], 0)), (code, [8, 1].into(), 1));
         assert_eq!(read(command, (&[0, 0], 0), (&[8, 2], 1)), (code, [8, 2].into(), 1));
         assert_eq!(read(command, (&[0, 0], 0), (&[0, 0], 0)), (code, [0, 0].into(), 0));
-        // As on a line, whoever comes last stands there, and the count tells.
+        // As on a line, the data is that of the last SubDevice, and the working counter shows that
+        // several answered.
         assert_eq!(read(command, (&[8, 1], 1), (&[4, 2], 1)), (code, [4, 2].into(), 2));
     }
     for command in [Fpwr, Bwr, Lwr] {
@@ -155,13 +156,13 @@ fn each_command_where_either_part_answers_or_both() {
         assert_eq!(both, (command as u8, [0x1C, 1].into(), 5));
     }
     for command in [Lrd, Lrw] {
-        // Bits of one byte from either part, and such as were sent and stay.
+        // Bits of one byte come from either part, and other bits stay as sent.
         let sent = [0b1010_1010, 0xFF, 0x55];
         let (a, b) = ([0b1010_1001, 0xFF, 0x55], [0b0110_1010, 0x00, 0x55]);
         let both = merged((command, logical, &sent), (&a, 3), (&b, 6), None);
         assert_eq!(both, (command as u8, [0b0110_1001, 0x00, 0x55].into(), 9));
     }
-    // Those that are NOP in B come as A has them, whatever stands in B.
+    // Commands that are NOP in B have A's data, regardless of B's.
     for command in [Aprd, Apwr, Aprw, Armw] {
         let both = merged((command, position(0x0130), &[0, 0]), (&[8, 1], 1), (&[9, 9], 7), None);
         assert_eq!(both, (command as u8, [8, 1].into(), 1));
@@ -171,7 +172,7 @@ fn each_command_where_either_part_answers_or_both() {
     assert_eq!(both, (Bwr as u8, [0; 4].into(), 2));
 }
 
-/// The time is the reference's; those behind the cut count, led by another.
+/// The time is that of the reference; clocks behind the cut count too, with another reference.
 #[test]
 fn the_drift_datagram() {
     let drift = (Command::Frmw, station(0x0910), &[0; 8][..]);
@@ -180,9 +181,9 @@ fn the_drift_datagram() {
     let other = Some(StationAddress(0x1003));
     assert_eq!(merged(drift, (&near, 2), (&far, 2), other), (code, near.into(), 4));
     assert_eq!(merged(drift, (&near, 2), (&[0; 8], 0), None), (code, near.into(), 2));
-    // Nobody has the reference's time: another's is not taken for it.
+    // No copy has the reference's time, and another clock's time is not used.
     assert_eq!(merged(drift, (&[0; 8], 0), (&far, 2), other), (code, [0; 8].into(), 2));
-    // The reference is behind the cut, and leads there.
+    // The reference is behind the cut, and controls the clocks there.
     let itself = Some(StationAddress(0x1001));
     assert_eq!(merged(drift, (&[0; 8], 0), (&far, 3), itself), (code, far.into(), 3));
 }
@@ -216,7 +217,7 @@ fn a_copy_alone_is_the_frame_that_was_sent() {
     let counts = merge::alone_b(&copy, &sent, leader, &mut out).expect("they go together");
     assert_eq!(counts.broadcast, Some((0, 3)));
     assert_eq!(out[6..12], passed(SOURCE));
-    // Nothing of the other clock's time, but what it counted; positions as they were asked for.
+    // The other clock's time is dropped but its working counter stays; positions are as sent.
     let expected = answer(sent.clone(), &[(&[0; 8], 2), (&[0; 2], 0), (&[8, 0], 3)]);
     assert_eq!(out, expected);
     let near = answer(sent.clone(), &[(&[9; 8], 2), (&[5; 2], 1), (&[8, 0], 3)]);
@@ -237,7 +238,7 @@ fn what_is_too_short_goes_on_nowhere() {
     }
 }
 
-/// Copies on their way, and a clock.
+/// Copies in flight, and a clock.
 struct Bench {
     copies: Copies,
     shared: RingState,
@@ -254,7 +255,7 @@ impl Bench {
         Self { copies, shared: RingState::default(), now, index: 0 }
     }
 
-    /// Sends a count of everybody; gives both copies.
+    /// Sends a broadcast read; returns both copies.
     fn send(&mut self, cyclic: bool) -> [Vec<u8>; 2] {
         self.now += CYCLE;
         self.index = (self.index + 1) % 0x40;
@@ -271,7 +272,7 @@ impl Bench {
         self.copies.take(port, self.now, frame, &mut self.shared)
     }
 
-    /// It comes back where it left, with so many SubDevices.
+    /// A copy comes back to its port with this working counter.
     fn turn(&mut self, port: Port, frame: &[u8], count: u16) -> Taken {
         let frame = answer(frame.to_vec(), &[(&[8, 0], count)]);
         self.take(port, &frame)
@@ -302,7 +303,7 @@ fn in_a_whole_ring_copy_a_is_the_answer() {
         assert_eq!(bench.copies.next_timeout(), Time::NEVER);
     }
     assert_eq!((bench.copies.slots.len(), bench.copies.lost), (1, 0));
-    // Without copy B the same; it is counted.
+    // The same without copy B, which is counted.
     for _ in 0..10 {
         let [a, _] = bench.send(true);
         assert_eq!(bench.turn(Secondary, &a, 4), Taken::AsItIs);
@@ -326,7 +327,7 @@ fn in_a_cut_ring_either_may_be_first() {
     assert_eq!(bench.turn(Primary, &a, 2), Taken::Merged);
     assert_eq!((bench.count(), bench.shared.view), (4, View::Cut { near: 2, far: 2 }));
     assert_eq!(bench.copies.next_timeout(), Time::NEVER);
-    // Copy B finds the ring whole just then: A is all there is.
+    // Copy B finds the ring whole in this cycle: only A has answers.
     let [a, b] = bench.send(true);
     assert_eq!(bench.turn(Primary, &a, 2), Taken::Kept);
     assert_eq!(bench.take(Primary, &b), Taken::Merged);
@@ -351,7 +352,7 @@ fn a_missing_copy_is_waited_for_and_no_longer() {
         assert_eq!(bench.expire(), Some(Taken::Merged));
         assert_eq!(bench.count(), 4);
     }
-    // Once it is heard again it is waited for again.
+    // Once the copy comes again it is waited for again.
     let [a, b] = bench.send(true);
     assert_eq!(bench.turn(Secondary, &b, 1), Taken::Kept);
     assert_eq!(bench.turn(Primary, &a, 3), Taken::Merged);
@@ -359,7 +360,8 @@ fn a_missing_copy_is_waited_for_and_no_longer() {
     assert_eq!(bench.turn(Primary, &a, 3), Taken::Kept);
 }
 
-/// A frame that is not of the cycle tells who is there: it is rather lost than half true.
+/// A frame that is not of the cycle tells which SubDevices are present, so it is lost rather than
+/// incomplete.
 #[test]
 fn other_frames_wait_until_a_part_is_surely_gone() {
     let mut bench = Bench::new();
@@ -394,14 +396,15 @@ fn frames_of_others_are_not_ours() {
     let mut foreign = a.clone();
     foreign[8] = 0x77;
     assert_eq!(bench.take(Secondary, &foreign), Taken::AsItIs, "the machine counts it");
-    // Up to the end of its datagram; behind it is padding.
+    // Bytes behind the end of its datagram are padding.
     for len in 0..30 {
         bench.take(Primary, &a[..len]);
     }
     assert_eq!(bench.turn(Secondary, &a, 4), Taken::AsItIs);
 }
 
-/// Whatever bit is wrong in what comes back: something goes on or nothing, and it is as long as what was sent.
+/// For any wrong bit in a returned copy, the used frame has the length of the sent one, or no frame
+/// is used.
 #[test]
 fn wrong_bits_hurt_nobody() {
     for (port, other) in [(Primary, Secondary), (Secondary, Primary)] {

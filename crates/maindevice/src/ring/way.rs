@@ -1,4 +1,4 @@
-//! The ring on the way up: a line, with the port closed that would lead to the other end.
+//! The ring during bring-up: a line, with the port to the other end closed.
 
 use alloc::vec::Vec;
 
@@ -11,7 +11,7 @@ use crate::error::{Cause, Place, RingProblem};
 use crate::link::Link;
 use crate::segment::Segment;
 
-/// Sees that the ring can be used, as far as the frames so far tell.
+/// Checks that the ring can be used, as far as the frames so far show it.
 pub(crate) fn check(link: &Link) -> Result<(), Cause> {
     let problem = match link.board(|board| board.ring.map(|ring| ring.view)) {
         Some(View::Cut { near, far }) if far > 0 => RingProblem::Cut { near, far },
@@ -21,8 +21,8 @@ pub(crate) fn check(link: &Link) -> Result<(), Cause> {
     Err(Cause::Ring(problem))
 }
 
-/// Makes a line of the ring: closes the port through which the last SubDevice sends to the secondary port. Nothing to
-/// do without a ring, or where nobody sends there.
+/// Makes a line of the ring: closes the port through which the last SubDevice sends to the
+/// secondary port. It does nothing without a ring, or if no SubDevice sends there.
 pub(crate) async fn close(link: &Link, segment: &Segment) -> Result<(), Cause> {
     if link.board(|board| board.ring.is_none()) {
         return Ok(());
@@ -42,7 +42,7 @@ pub(crate) async fn close(link: &Link, segment: &Segment) -> Result<(), Cause> {
         Cause::Ring(RingProblem::Branch { place: place(position), port })
     })?;
     let exit_of = exit.map(|(position, _)| segment.devices[position].station);
-    // From here on one port does, wherever it comes back; should anything fail behind the write, it is undone.
+    // From here on only one port sends; if a later step fails, the write is undone.
     link.board(|board| {
         if let Some(ring) = &mut board.ring {
             (ring.line, ring.exit) = (true, exit_of);
@@ -59,7 +59,7 @@ pub(crate) async fn close(link: &Link, segment: &Segment) -> Result<(), Cause> {
     Ok(())
 }
 
-/// Makes a ring of the line again.
+/// Makes the line a ring again.
 pub(crate) async fn open(link: &Link) -> Result<(), Cause> {
     if let Some(station) = link.board(|board| board.ring.and_then(|ring| ring.exit)) {
         link.fpwr(station, LOOPS, &AUTOMATIC.to_bytes()).expect(1).await?;
@@ -68,23 +68,24 @@ pub(crate) async fn open(link: &Link) -> Result<(), Cause> {
     Ok(())
 }
 
-/// Whether a port is closed that must be opened before nothing more is sent.
+/// Whether a closed port must be opened before the run ends.
 pub(crate) fn is_closed(link: &Link) -> bool {
     link.board(|board| board.ring.is_some_and(|ring| ring.exit.is_some()))
 }
 
-/// The port at which frames leave for the other end, if one does: all SubDevices are passed by then. What hangs
-/// behind it in the order of ports would be reached by frames from the other end alone: that port is the error.
+/// The port at which frames leave for the other end, if there is one: all SubDevices have been
+/// passed by then. SubDevices behind a later port would only be reached by frames from the other
+/// end, so that port is the error.
 fn exit(open: &[[bool; 4]]) -> Result<Option<(usize, PortNumber)>, (usize, PortNumber)> {
     let downstream = |position: usize| {
-        // Backwards, to be taken from the end.
+        // In reverse order, since they are taken from the end.
         let ports = [PortNumber::P2, PortNumber::P1, PortNumber::P3].into_iter();
         ports.filter(move |port| open[position][port.index()]).map(move |port| (position, port))
     };
     let mut ways: Vec<(usize, PortNumber)> = Vec::new();
     for position in 0..open.len() {
         if position > 0 && ways.pop().is_none() {
-            // More answer than ports lead to: the topology will tell.
+            // More SubDevices answer than the ports lead to; the topology check reports that.
             return Ok(None);
         }
         ways.extend(downstream(position));
@@ -116,14 +117,15 @@ mod tests {
     fn the_exit_is_where_no_device_is_left() {
         assert_eq!(found(&[&[P0, P1], &[P0, P1]]), Ok(Some((1, P1))));
         assert_eq!(found(&[&[P0, P1], &[P0]]), Ok(None), "a line");
-        // A branch at port 3 of the first comes before the way on, and one at port 1 of the last before port 2.
+        // A branch at port 3 of the first comes before the way on, and one at port 1 of the last
+        // before port 2.
         assert_eq!(found(&[&[P0, P3, P1], &[P0, P1], &[P0], &[P0, P1]]), Ok(Some((3, P1))));
         assert_eq!(found(&[&[P0, P1], &[P0, P1, P2], &[P0]]), Ok(Some((1, P2))));
         assert_eq!(found(&[]), Ok(None));
         assert_eq!(found(&[&[P0], &[P0]]), Ok(None), "no tree at all");
     }
 
-    /// Frames leave at port 1 for the other end and never come to port 2.
+    /// Frames leave at port 1 for the other end and never reach port 2.
     #[test]
     fn a_branch_behind_the_exit_is_named() {
         assert_eq!(found(&[&[P0, P1, P2], &[P0, P1]]), Err((0, P2)));

@@ -1,4 +1,4 @@
-//! When a cycle is over, and of which cycle inputs are.
+//! When a cycle is complete, and the cycle of its inputs.
 
 use super::*;
 
@@ -10,7 +10,7 @@ fn running(bench: &mut Bench) -> CyclicExchange {
     cycle
 }
 
-/// A frame comes back; closes the cycle if it is over.
+/// Takes a returned frame, and closes the cycle if it is complete.
 fn back(cycle: &mut CyclicExchange, bench: &mut Bench, frame: &[u8]) -> Option<(u64, bool)> {
     let taken = bench.link.board(|board| cycle.receive(bench.now, frame, HEADERS, board));
     assert!(taken);
@@ -18,7 +18,7 @@ fn back(cycle: &mut CyclicExchange, bench: &mut Bench, frame: &[u8]) -> Option<(
     cycle.take_closed()
 }
 
-/// The cycle that the inputs of the first SubDevice are of.
+/// The cycle of the inputs of the first SubDevice.
 fn of(cycle: &mut CyclicExchange) -> Option<u64> {
     cycle.exchanged().1.inputs_cycle(0)
 }
@@ -57,7 +57,7 @@ fn a_late_frame_is_taken_and_says_of_which_cycle_it_is() {
     let frame = exchange(&mut cycle, &mut bench);
     back(&mut cycle, &mut bench, &frame);
     assert_eq!(of(&mut cycle), Some(1));
-    // That of cycle 2 comes in cycle 3, before that of cycle 3.
+    // The frame of cycle 2 comes in cycle 3, before that of cycle 3.
     let late = exchange(&mut cycle, &mut bench);
     bench.segment.escs[0].memory[0x1180] = 0x33;
     let frame = exchange(&mut cycle, &mut bench);
@@ -66,7 +66,7 @@ fn a_late_frame_is_taken_and_says_of_which_cycle_it_is() {
     assert_eq!((of(&mut cycle), cycle.inputs()[0]), (Some(2), 0xAA));
     back(&mut cycle, &mut bench, &frame);
     assert_eq!((of(&mut cycle), cycle.inputs()[0]), (Some(3), 0x33));
-    // That of cycle 4 comes behind that of cycle 5: what is newer stays.
+    // The frame of cycle 4 comes after that of cycle 5: the newer inputs stay.
     let late = exchange(&mut cycle, &mut bench);
     bench.segment.escs[0].memory[0x1180] = 0x55;
     let frame = exchange(&mut cycle, &mut bench);
@@ -75,7 +75,7 @@ fn a_late_frame_is_taken_and_says_of_which_cycle_it_is() {
     assert_eq!((of(&mut cycle), cycle.inputs()[0]), (Some(5), 0x55));
 }
 
-/// While it is away its inputs are those that it left; once it is back, the first that it brings itself count.
+/// A lost SubDevice keeps its last inputs; after it is back, its first new inputs count.
 #[test]
 fn one_that_comes_back_is_fresh_with_its_own_inputs_only() {
     let mut bench = Bench::new(2);

@@ -1,4 +1,5 @@
-//! SubDevices whose process data travel in every fifth cycle only, beside one of every cycle.
+//! SubDevices whose process data are exchanged only in every fifth cycle, next to one of every
+//! cycle.
 
 use super::*;
 
@@ -33,8 +34,8 @@ fn running(bench: &mut Bench) -> CyclicExchange {
     cycle
 }
 
-/// One cycle at its due time. Gives its number by system time, and the frames that it had; `back` says which come
-/// back.
+/// Runs one cycle at its due time. Returns its number by system time, and its frames; `back` tells
+/// which come back.
 fn all(
     cycle: &mut CyclicExchange,
     bench: &mut Bench,
@@ -69,7 +70,7 @@ fn the_frame_of_a_slow_group_leaves_in_its_cycles() {
     assert_eq!(bench.events(), []);
 }
 
-/// Not by the count of cycles, but by the number that system time gives them.
+/// Groups follow the number of the cycle by system time, not the count of cycles.
 #[test]
 fn skipped_cycles_leave_groups_in_their_cycles() {
     for slept in [3, 4, 5, 6, 7, 40] {

@@ -30,7 +30,7 @@ const NORMAL: ObjectAddress = ObjectAddress::new(0x2002, 0);
 pub(crate) struct FakeMailbox {
     /// Messages before the next answer, with their protocol.
     pub before: VecDeque<(Protocol, Vec<u8>)>,
-    /// Answers of a service are not given.
+    /// Whether services get no answer.
     pub silent: bool,
     /// Requests that reached the server.
     pub requests: Vec<Vec<u8>>,
@@ -106,7 +106,7 @@ impl FakeMailbox {
             return;
         }
         if service[1] == 0x80 {
-            // SDO information in two fragments: the name is split.
+            // SDO information in two fragments that divide the name.
             let object = [0x84, 0, 1, 0, service[6], service[7], 0x29, 0, 32, 9, b'S', b'M'];
             self.put(Protocol::COE, &[&[0, 0x80][..], &object].concat());
             self.put(Protocol::COE, &[0, 0x80, 4, 0, 0, 0, b' ', b'o', b'u', b't']);
@@ -228,7 +228,7 @@ fn a_mailbox_error_ends_the_service() {
     server(&mut bench).before.push_back((Protocol::ERROR, vec![1, 0, 2, 0]));
     let error = bench.run(coe::upload(&mut mailbox, SHORT, false)).unwrap_err();
     assert_eq!(error.to_string(), "mailbox error 2 (protocol not supported)");
-    // The answer that came behind it is not taken for that of the next request.
+    // The answer that came after it is not taken for that of the next request.
     assert_eq!(bench.run(coe::upload(&mut mailbox, NORMAL, false)).unwrap().len(), 20);
 }
 
@@ -241,8 +241,8 @@ fn a_silent_device_is_given_up() {
     assert_eq!(error, SdoError::Mailbox(MailboxError::NoAnswer { after }));
 }
 
-/// Each frame of an upload lost once, on its way there or back: the request reaches the server
-/// once, the answer is right.
+/// Each frame of an upload is lost once, on its way there or back: the request reaches the server
+/// once, and the answer is right.
 #[test]
 fn any_lost_frame_is_healed() {
     let (mut whole, mut mailbox) = bench();

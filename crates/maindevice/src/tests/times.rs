@@ -1,4 +1,4 @@
-//! Times that a device measured go before assumed ones and behind stated ones.
+//! Measured times have priority over assumed ones; stated times have priority over both.
 
 use isocat_sync::budget::Origin;
 use isocat_wire::ObjectAddress;
@@ -35,11 +35,11 @@ fn stated_then_measured_then_assumed() {
     assert_eq!(copy_of(&stating(1), &configured), (1, Origin::Object(entry)));
     assert_eq!(copy_of(&stating(0), &configured), (5_000, Origin::MeasuredByDevice(entry)));
     assert_eq!(copy_of(&stating(0), &only_assumed), (9_000, Origin::Assumed));
-    // What it measured now goes before what the configuration keeps of another time.
+    // Times measured in this run have priority over configured ones from an earlier run.
     let mut device = stating(0);
     device.own_times = Some(OwnTimes { times: times(7_000), ..OwnTimes::default() });
     assert_eq!(copy_of(&device, &configured), (7_000, Origin::MeasuredByDevice(entry)));
-    // A device that measured nothing leaves what the configuration has.
+    // If the device measured nothing, the configured times remain.
     device.own_times = Some(OwnTimes::default());
     assert_eq!(copy_of(&device, &configured), (5_000, Origin::MeasuredByDevice(entry)));
     assert_eq!(known(&device, None), MeasuredTimes::default());

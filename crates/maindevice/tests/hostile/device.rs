@@ -1,4 +1,5 @@
-//! SubDevices that answer truthfully: memory, EEPROM, states, a clock, a mailbox with a few objects. Far from an ESC, and fast.
+//! SubDevices that answer truthfully: memory, EEPROM, states, a clock, a mailbox with a few
+//! objects. They are far simpler than an ESC, and fast.
 
 use std::collections::VecDeque;
 
@@ -26,7 +27,7 @@ pub const SEND: MailboxArea = MailboxArea { start: 0x1080, length: 64 };
 /// Process data: SM2 and SM3.
 const OUTPUTS: u16 = 0x1100;
 const INPUTS: u16 = 0x1180;
-/// From one SubDevice to the next, ns.
+/// Time from one SubDevice to the next, ns.
 const HOP: u64 = 300;
 
 /// What a SubDevice can do.
@@ -43,7 +44,7 @@ pub struct Device {
     sii: Vec<u8>,
     /// Its local clock at true time 0, ns.
     epoch: u64,
-    /// Messages that wait for SM1, the next one first.
+    /// Messages that wait for SM1, in their order.
     pub answers: VecDeque<Vec<u8>>,
     counter: u8,
     last_request: u8,
@@ -62,7 +63,7 @@ impl Line {
         Self { devices: makes.iter().enumerate().map(device).collect() }
     }
 
-    /// Passes a frame through all of them; it enters the first one at `now`, ns.
+    /// Passes a frame through all SubDevices; it enters the first one at `now`, ns.
     pub fn pass(&mut self, now: u64, frame: &mut [u8], random: &mut Random) {
         frame[6] |= LOCALLY_ADMINISTERED;
         let Ok(start) = payload_offset(frame) else { return };
@@ -91,7 +92,8 @@ impl Line {
     }
 }
 
-/// When a frame enters a SubDevice, and when it comes back from those behind it, true time in ns.
+/// When a frame enters a SubDevice, and when it comes back from the SubDevices behind it, true time
+/// in ns.
 #[derive(Clone, Copy)]
 struct Times {
     entered: u64,
@@ -124,7 +126,7 @@ impl Device {
         }
     }
 
-    /// What it does with a datagram; gives what the working counter goes up by.
+    /// Processes a datagram; returns the increase of the working counter.
     fn process(
         &mut self,
         command: Command,
@@ -254,7 +256,7 @@ impl Device {
         true
     }
 
-    /// The EEPROM's answer to a read command.
+    /// Answers a read command of the EEPROM.
     fn fetch(&mut self) {
         let word = register::EEPROM_ADDRESS.load(&self.memory) as usize;
         for at in 0..8 {
@@ -264,7 +266,7 @@ impl Device {
         self.memory[0x0502..0x0504].copy_from_slice(&status);
     }
 
-    /// A drift datagram of another reference: 0x092C shows the difference.
+    /// Takes a drift datagram of another reference: 0x092C shows the difference.
     fn compare(&mut self, at: usize, times: Times, data: &[u8]) -> bool {
         let (0x0910, Some(received)) = (at, data.first_chunk()) else { return true };
         if !self.make.clock {
@@ -277,7 +279,7 @@ impl Device {
         true
     }
 
-    /// Byte-wise through FMMU 0 and 1.
+    /// Accesses process data byte-wise through FMMU 0 and 1.
     fn logical(&mut self, address: u32, data: &mut [u8]) -> u16 {
         let mut count = 0;
         let sent = data.to_vec();

@@ -1,11 +1,11 @@
-//! What a SubDevice, or the wire, may answer that is not true.
+//! Wrong answers of a SubDevice, and faults of the wire.
 
 use isocat_wire::command::Command;
 use isocat_wire::mailbox::Protocol;
 
 use super::device::{Device, RECEIVE, SEND};
 
-/// A small generator of random numbers (splitmix64): one seed, one run.
+/// A small generator of random numbers (splitmix64): a seed determines the run.
 #[derive(Clone, Debug)]
 pub struct Random(pub u64);
 
@@ -18,17 +18,17 @@ impl Random {
         mixed ^ (mixed >> 31)
     }
 
-    /// In `0..count`; 0 if that is empty.
+    /// A number in `0..count`; 0 if that is empty.
     pub fn below(&mut self, count: u64) -> u64 {
         self.next() % count.max(1)
     }
 
-    /// True once in so many draws.
+    /// True once in `count` draws on average.
     pub fn one_in(&mut self, count: u64) -> bool {
         self.below(count) == 0
     }
 
-    /// A number at the edge of some type, or any.
+    /// A number at the edge of some type, or any number.
     pub fn extreme(&mut self) -> u64 {
         let bits = self.below(65) as u32;
         let edge = 1u64.checked_shl(bits).unwrap_or(0);
@@ -41,30 +41,30 @@ impl Random {
     }
 }
 
-/// What one SubDevice does not tell the truth about.
+/// What one SubDevice answers wrongly.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Lie {
-    /// Bytes of the EEPROM are others in each reading.
+    /// Bytes of the EEPROM differ in each reading.
     SiiNoise,
     /// Empty categories without an end mark.
     SiiEndless,
-    /// Each category is as long as can be.
+    /// Each category has the largest possible length.
     SiiHuge,
-    /// The EEPROM interface is busy for ever.
+    /// The EEPROM interface stays busy.
     EepromBusy,
-    /// The EEPROM interface is busy for long in each access.
+    /// The EEPROM interface is busy for a long time in each access.
     EepromSlow,
-    /// The AL status stays what it was.
+    /// The AL status never changes.
     AlStays,
-    /// The AL status is another one in each reading.
+    /// The AL status differs in each reading.
     AlFlaps,
     /// The mailbox never empties: emergencies.
     Emergencies,
     /// The same with another protocol.
     OtherProtocol,
-    /// The same with answers to what nobody asked.
+    /// The same with answers to requests that were not made.
     OtherAnswers,
-    /// The same with the last message again.
+    /// The same with the last message repeated.
     Repeats,
     /// The mailbox is never full.
     NoAnswer,
@@ -72,23 +72,23 @@ pub enum Lie {
     TakesNothing,
     /// Objects of 4 GB.
     HugeObjects,
-    /// Objects in segments that carry nothing.
+    /// Objects in segments without data.
     EmptySegments,
-    /// Bytes of a mailbox answer are others.
+    /// Bytes of a mailbox answer are changed.
     MailboxNoise,
-    /// Nothing that is addressed to it is answered.
+    /// No datagram addressed to it is answered.
     Silent,
-    /// Times of the DC unit.
+    /// Times of the DC unit are wrong.
     Times,
     /// The clock is never where it should be (0x092C).
     Difference,
-    /// Any byte that is read may be another one.
+    /// Any byte that is read may be changed.
     Noise,
     /// Its accesses count more than once.
     CountsTwice,
-    /// It answers what is addressed to others.
+    /// It answers datagrams addressed to others.
     AnswersForOthers,
-    /// Broadcast reads count thousands.
+    /// Broadcast reads return working counters of thousands.
     CountsThousands,
 }
 
@@ -119,12 +119,13 @@ impl Lie {
         Lie::CountsThousands,
     ];
 
-    /// Whether it is told through the mailbox.
+    /// Whether the lie is told through the mailbox.
     pub fn is_of_the_mailbox(self) -> bool {
         (Lie::Emergencies as usize..=Lie::MailboxNoise as usize).contains(&(self as usize))
     }
 
-    /// Whether only what is addressed to the liar is false, so that it can be told who lies.
+    /// Whether only datagrams addressed to the liar are falsified, so that the liar can be
+    /// identified.
     pub fn has_an_author(self) -> bool {
         (self as usize) < Lie::Times as usize
     }
@@ -134,11 +135,11 @@ impl Lie {
 #[derive(Clone, Debug)]
 pub struct Liar {
     pub lie: Lie,
-    /// Datagrams before it begins, and before it ends.
+    /// Number of datagrams before the lie begins, and before it ends.
     pub from: u64,
     pub until: u64,
     seen: u64,
-    /// How often it was told.
+    /// Number of times that it was told.
     pub told: u64,
     last: Vec<u8>,
 }
@@ -148,7 +149,8 @@ impl Liar {
         Self { lie, from, until, seen: 0, told: 0, last: Vec::new() }
     }
 
-    /// The answer to a datagram, whose true one is `honest`; what the working counter goes up by.
+    /// Answers a datagram, whose true answer is `honest`; returns the increase of the working
+    /// counter.
     #[allow(clippy::too_many_arguments, reason = "a datagram has so many parts")]
     pub fn answer(
         &mut self,
@@ -251,7 +253,7 @@ impl Liar {
         u16::from_le_bytes([device.memory[0x0504], device.memory[0x0505]]) >= 0x40
     }
 
-    /// One message more in SM1.
+    /// Puts a further message into SM1.
     fn speak(&mut self, device: &mut Device, random: &mut Random) {
         self.told += 1;
         match self.lie {
@@ -274,7 +276,8 @@ impl Liar {
         }
     }
 
-    /// An upload's answer becomes that of a long object, and each further one a segment of it.
+    /// Turns an upload's answer into that of a long object, and each further answer into a segment
+    /// of it.
     fn stretch(&mut self, data: &mut [u8], random: &mut Random) {
         let command = data[8];
         if command >> 5 == 2 {
@@ -286,7 +289,7 @@ impl Liar {
             data[8] = 0x41;
             data[12..16].copy_from_slice(&size.to_le_bytes());
         } else if command == 0x80 && data[7] == 0x20 {
-            // To a request for a segment the device knows no answer but an abort.
+            // The device would abort a request for a segment.
             let toggle = if self.seen.is_multiple_of(2) { 0x10 } else { 0 };
             let unused = [0x0E, 0x00][random.below(2) as usize];
             (data[7], data[8]) = (0x30, toggle | unused);
@@ -294,7 +297,7 @@ impl Liar {
     }
 }
 
-/// What happens to frames between MainDevice and SubDevices: one in so many; 0: none.
+/// Faults of frames between MainDevice and SubDevices, each once in this many frames; 0: never.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Wire {
     pub lost: u64,
@@ -302,13 +305,13 @@ pub struct Wire {
     pub late: u64,
     pub cut: u64,
     pub flipped: u64,
-    /// A frame of before comes once more.
+    /// An earlier frame comes again.
     pub replayed: u64,
-    /// A frame of random bytes behind our header comes.
+    /// A frame of random bytes with our header comes.
     pub random: u64,
-    /// It comes back without the mark of the first ESC.
+    /// The frame comes back without the mark of the first ESC.
     pub unmarked: u64,
-    /// Working counters are others.
+    /// Working counters are changed.
     pub counts: u64,
 }
 

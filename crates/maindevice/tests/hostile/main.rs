@@ -1,5 +1,6 @@
-//! A MainDevice on a wire that lies: whatever is answered, each call costs bounded work and memory, each run ends with a name,
-//! and where one SubDevice lies, no other one is blamed. `ISOCAT_SEEDS=N` tries N seeds, `ISOCAT_FIRST_SEED=N` from there on.
+//! A MainDevice on a wire with wrong answers: each call costs bounded work and memory, each run
+//! ends with a named cause, and if one SubDevice lies, no other one is blamed. `ISOCAT_SEEDS=N`
+//! tries N seeds, `ISOCAT_FIRST_SEED=N` starts at that seed.
 
 mod device;
 mod lies;
@@ -10,7 +11,7 @@ use std::collections::BTreeMap;
 use lies::{Lie, Wire};
 use run::{Call, End, Meter, Story, Wishes};
 
-/// Counts what calls allocate: work that is the same in every run.
+/// Counts the allocations of calls: a measure of work that is the same in every run.
 #[derive(Default)]
 struct Allocations {
     /// Most allocations, and most bytes, of one call.
@@ -31,12 +32,13 @@ impl Meter for Allocations {
     }
 }
 
-/// Allocations of one call, for each SubDevice and one more. A call that begins a stage asks each SubDevice at once, with some
-/// datagrams to each.
+/// Most allocations of one call, for each SubDevice and one more. A call that begins a stage queues
+/// some datagrams for each SubDevice.
 const MOST_ALLOCATIONS: u64 = 100;
-/// Bytes of one call, for each of them. The readings of the quality watch are the most, once.
+/// Most bytes of one call, for each of them. The quality watch needs the most, once, for its
+/// readings.
 const MOST_BYTES: u64 = 300_000;
-/// Bytes held, for each of them.
+/// Most bytes held, for each of them.
 const MOST_HELD: i64 = 200_000;
 
 fn number(name: &str, default: u64) -> u64 {
@@ -121,7 +123,7 @@ fn whatever_is_answered_costs_bounded_work_and_ends() {
     assert!(bad.is_empty(), "{} seeds", bad.len());
 }
 
-/// A clock that never comes into step is waited for as long as any, and not at the rate of the line.
+/// A clock that never converges is waited for as long as any other, but without loading the line.
 #[test]
 fn a_hostile_clock_is_waited_for_with_patience() {
     for lie in [Lie::Times, Lie::Difference] {
@@ -133,7 +135,7 @@ fn a_hostile_clock_is_waited_for_with_patience() {
             story.wire = Wire::default();
             story.wishes = Wishes { patient: true, ..Wishes::default() };
             let outcome = run::run(&story, &mut Allocations::default());
-            // 30 s at the rate of the first five would be 310 000.
+            // 30 s at the rate of the first five seconds would be 310 000 frames.
             let frames = outcome.statistics.frames_sent;
             assert!(frames < 100_000, "{lie:?} {seed}: {frames} frames, {:?}", outcome.end);
             if let End::Failed(cause) = &outcome.end
@@ -146,13 +148,13 @@ fn a_hostile_clock_is_waited_for_with_patience() {
     }
 }
 
-/// A working counter that claims thousands costs what the plan is large, and not what it claims.
+/// A working counter of thousands costs only as much as the plan requires.
 #[test]
 fn work_grows_with_the_plan_and_not_with_what_is_claimed() {
     let worst = |count| {
         let mut story = Story::of_seed(1);
         story.makes = vec![device::Make { clock: false, mailbox: false }; count];
-        // From its 700th datagram on it is in operation.
+        // From its 700th datagram on the segment is in operation.
         story.liars = vec![(count / 2, Lie::CountsThousands, 700, u64::MAX)];
         (story.wire, story.wishes) = (Wire::default(), Wishes::default());
         let mut meter = Allocations::default();
@@ -164,7 +166,7 @@ fn work_grows_with_the_plan_and_not_with_what_is_claimed() {
     assert!(many.0 < 6 * few.0 && many.1 < 6 * few.1, "{few:?} {many:?}");
 }
 
-/// Scripts of any bytes, as the fuzz target has them.
+/// Scripts of random bytes, as in the fuzz target.
 #[test]
 fn answers_that_follow_a_script_end_as_well() {
     let mut random = lies::Random(1);

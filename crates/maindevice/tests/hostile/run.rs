@@ -1,4 +1,5 @@
-//! One run in virtual time: a MainDevice, a line of SubDevices that may lie, and a wire that may.
+//! One run in virtual time: a MainDevice, a line of SubDevices that may lie, and a wire with
+//! faults.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -16,7 +17,7 @@ use isocat_wire::{ObjectAddress, StationAddress};
 use super::device::{Line, Make};
 use super::lies::{Liar, Lie, Random, Wire};
 
-/// What one run is.
+/// The description of one run.
 #[derive(Clone, Debug)]
 pub struct Story {
     pub makes: Vec<Make>,
@@ -27,25 +28,27 @@ pub struct Story {
     pub seed: u64,
 }
 
-/// What is asked of the MainDevice besides bringing the segment up.
+/// Tasks of the MainDevice in addition to the bring-up.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Wishes {
-    /// It is not told how many SubDevices there are.
+    /// Whether the number of SubDevices is not configured.
     pub unplanned: bool,
     pub survey: bool,
     pub quality: bool,
     pub delay_watch: bool,
     pub recovery: bool,
-    /// Objects are read in operation.
+    /// Whether objects are read in operation.
     pub requests: bool,
-    /// With the timeouts and latches of a real segment: some lies then take half a minute.
+    /// Whether the timeouts and latches are those of a real segment: some lies then take half a
+    /// minute.
     pub patient: bool,
-    /// The SII of each is read, of equal ones too.
+    /// Whether the SII of each SubDevice is read, even of equal ones.
     pub each_sii: bool,
 }
 
 impl Story {
-    /// The run of a seed. In two of three, one device lies on an honest wire, so that it can be told who lies.
+    /// The run of a seed. In two of three runs, one device lies on a faultless wire, so that the
+    /// liar can be identified.
     pub fn of_seed(seed: u64) -> Self {
         let mut random = Random(seed.wrapping_mul(0x2545_F491_4F6C_DD1D));
         let count = 1 + random.below(6) as usize;
@@ -67,7 +70,7 @@ impl Story {
                 let lie = Lie::ALL[random.below(Lie::ALL.len() as u64) as usize];
                 let from = if random.one_in(2) { 0 } else { random.below(2_000) };
                 let until = if random.one_in(2) { u64::MAX } else { from + random.below(500) };
-                // Who has no mailbox can tell no lies with it.
+                // A SubDevice without a mailbox cannot lie with it.
                 makes[position].mailbox |= lie.is_of_the_mailbox();
                 makes[position].clock |= matches!(lie, Lie::Times | Lie::Difference);
                 (position, lie, from, until)
@@ -87,7 +90,7 @@ impl Story {
         Self { makes, liars, wire, wishes, seed }
     }
 
-    /// The only liar, if that can be told from what it says.
+    /// The only liar, if its answers identify it.
     pub fn author(&self) -> Option<usize> {
         match self.liars[..] {
             [(position, lie, ..)] if self.wire.is_honest() && lie.has_an_author() => Some(position),
@@ -96,7 +99,7 @@ impl Story {
     }
 }
 
-/// Calls of the machine, as a meter tells them apart.
+/// Calls of the machine, as a meter distinguishes them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Call {
     Frame,
@@ -112,14 +115,14 @@ pub trait Meter {
 /// How a run ended.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum End {
-    /// It was in operation, and went down.
+    /// It was in operation, and was stopped.
     Stopped,
     Failed(Cause),
-    /// It went beyond [`LONGEST`] or [`MOST_FRAMES`].
+    /// It exceeded [`LONGEST`] or [`MOST_FRAMES`].
     Endless,
 }
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     pub end: End,
@@ -127,26 +130,26 @@ pub struct Outcome {
     /// Virtual time, ns.
     pub took: u64,
     pub statistics: Statistics,
-    /// What was said of SubDevices that told the truth, if only one lied.
+    /// Faults reported of honest SubDevices, if only one lied.
     pub wrong_blame: Vec<String>,
-    /// Whether the liar was named, if there is one alone that can be.
+    /// Whether the liar was named, if there is a single one that can be identified.
     pub named: bool,
-    /// How often lies were told.
+    /// Number of lies told.
     pub told: u64,
 }
 
-/// A run must be over by then, virtual time in ns.
+/// Longest run, virtual time in ns.
 pub const LONGEST: u64 = 100_000_000_000;
-/// Frames of a run at most.
+/// Most frames of a run.
 pub const MOST_FRAMES: u64 = 400_000;
 /// Time in operation, ns.
 const IN_OPERATION: u64 = 150_000_000;
-/// From the last bit until the program has the frame, ns.
+/// Time from the last bit until the program has the frame, ns.
 const LATENCY: u64 = 20_000;
-/// Frames that are kept to be replayed.
+/// Number of frames that are kept to be replayed.
 const MOST_OLD: usize = 8;
 
-/// Patience for an honest segment, and short, as each seed waits for its liar.
+/// Timeouts that suffice for an honest segment, and short ones, since each seed waits for its liar.
 fn config(story: &Story) -> Config {
     let mut config = Config::new(Nanos::millis(2));
     let wishes = story.wishes;
@@ -178,7 +181,8 @@ fn config(story: &Story) -> Config {
     config
 }
 
-/// Runs two SubDevices whose answers are changed as a script says, see [`Script`]; the first byte is what is asked for.
+/// Runs two SubDevices whose answers a script changes, see [`Script`]; the first byte selects the
+/// tasks.
 pub fn follow(bytes: &[u8]) {
     struct Nothing;
     impl Meter for Nothing {
@@ -206,13 +210,13 @@ pub fn follow(bytes: &[u8]) {
     assert_ne!(outcome.end, End::Endless, "{:?}", outcome.statistics);
 }
 
-/// What becomes of the answers, one after the other: a byte for each says what, and those behind it how. Behind its end
-/// answers are true.
+/// The changes of answers, in order: the first byte of each tells the kind, and the next ones the
+/// details. After the end of the script answers are true.
 #[derive(Default)]
 struct Script {
     bytes: Vec<u8>,
     at: usize,
-    /// Answers that stay as they are before the next change.
+    /// Number of answers that stay unchanged before the next change.
     skip: usize,
 }
 
@@ -230,7 +234,7 @@ impl Script {
             return true;
         }
         match self.byte() {
-            // So that a script reaches far.
+            // Most bytes skip answers, so that a script reaches far.
             few @ 0..=0x7F => self.skip = few.into(),
             0x80 => return false,
             0x81 => frame.truncate(usize::from(self.byte())),
@@ -241,13 +245,13 @@ impl Script {
                 frame.iter_mut().skip(from).take(1).for_each(|byte| *byte = value);
             }
             0x90..=0xAF => {
-                // Data behind the header of the first datagram, as they are read most.
+                // The data of the first datagram is the most important, so it is changed often.
                 let at = 26 + usize::from(self.byte() & 0x1F);
                 let value = self.byte();
                 frame.iter_mut().skip(at).take(1).for_each(|byte| *byte = value);
             }
             many => {
-                // A working counter, or whatever stands where that of a short datagram stands.
+                // The place of a working counter of a short datagram.
                 let at = 26 + usize::from(many & 0x0F);
                 let value = [self.byte(), self.byte()];
                 let counter = frame.iter_mut().skip(at).zip(value);
@@ -295,7 +299,7 @@ struct Run {
     wire: Wire,
     now: u64,
     wire_free: u64,
-    /// When, in which order, and what.
+    /// Due time, order and bytes.
     returning: BinaryHeap<Reverse<(u64, u64, Vec<u8>)>>,
     number: u64,
     old: Vec<Vec<u8>>,
@@ -368,7 +372,7 @@ impl Run {
         }
     }
 
-    /// Reads an object of some SubDevice.
+    /// Reads an object of a random SubDevice.
     fn ask(&mut self) {
         let position = self.random.below(self.line.devices.len() as u64) as usize;
         let index = [0x1C12, 0x1C00, 0x1018][self.random.below(3) as usize];
@@ -433,11 +437,11 @@ impl Run {
         }
     }
 
-    /// Holds what is said of SubDevices against who lies.
+    /// Compares faults reported of SubDevices with the real liar.
     fn judge(&mut self, event: &Event) {
         let Some(author) = self.author else { return };
         let named = match event {
-            // Up and down it is told of everybody.
+            // During bring-up and shutdown this is reported of all SubDevices.
             Event::StateChanged { position, status, .. }
                 if self.machine.is_operating() && status.state() != Ok(AlState::Op) =>
             {
@@ -476,7 +480,7 @@ fn place(cause: &Cause) -> Option<usize> {
 /// Station address of the first SubDevice.
 const FIRST: u16 = 0x1001;
 
-/// Working counters of a frame become others.
+/// Changes the working counters of a frame.
 fn change_counts(frame: &mut [u8], random: &mut Random) {
     let Ok(start) = payload_offset(frame) else { return };
     let payload = &mut frame[start..];

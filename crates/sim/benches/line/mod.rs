@@ -1,10 +1,10 @@
-//! A line of equal SubDevices with 16 bytes of outputs and 16 of inputs, in OP with DC SYNC0: what the
-//! cost of a simulated segment is measured on.
+//! A line of equal SubDevices with 16 bytes of outputs and 16 of inputs, in OP with DC SYNC0. The
+//! cost of a simulated segment is measured on it.
 //!
-//! Each SubDevice is whole: an ESC, the stack with its sync engine and an I/O application that copies
-//! outputs to inputs, a CPU that takes time for each step, an oscillator of its own. [`Line`] is brought
-//! up by frames but without MainDevice, so that its cycles cost what the segment costs; [`world`] is
-//! the same line behind a MainDevice.
+//! Each SubDevice is complete: an ESC, the stack with its sync engine and an I/O application that
+//! copies outputs to inputs, a CPU that takes time for each step, and an oscillator. [`Line`] is
+//! brought up by frames but without a MainDevice, so that its cycles only cost what the segment
+//! costs; [`world`] is the same line with a MainDevice.
 
 #![allow(dead_code, reason = "bench, example and tests use different parts")]
 
@@ -30,7 +30,8 @@ use isocat_wire::{AlControl, AlState, AutoIncrementAddress, Command, PortNumber,
 
 /// Bytes in each direction.
 pub const BYTES: u16 = 16;
-/// SubDevices whose data one LRW carries beside the drift datagram and AL status.
+/// Number of SubDevices whose data one LRW carries, in addition to the drift datagram and AL
+/// status.
 const PER_CHUNK: usize = 90;
 const OUTPUTS_AT: u16 = 0x1000;
 const INPUTS_AT: u16 = 0x1400;
@@ -49,7 +50,7 @@ static DESCRIPTION: Description = Description {
     behaviour: Behaviour::DEFAULT,
 };
 
-/// The line's connections. Clocks deviate by up to 20 ppm either way.
+/// The line's connections. Clocks deviate by up to ±20 ppm.
 pub fn connections(count: usize) -> Vec<Connection> {
     let sii: std::sync::Arc<[u8]> = sii().into();
     let device = |position: usize| DeviceSetup {
@@ -58,7 +59,8 @@ pub fn connections(count: usize) -> Vec<Connection> {
         description: DESCRIPTION.clone(),
         application: Box::new(Io::default()),
         cpu: CpuModel::default(),
-        // The first one leads, and nobody follows it here: true time.
+        // The first one is the reference clock, and it runs in true time, since no host follows it
+        // here.
         clock: ClockModel::constant(((position as i64 * 7919 + 20) % 41 - 20) * 1000),
         local_time: Time::ZERO,
     };
@@ -70,7 +72,7 @@ pub fn connections(count: usize) -> Vec<Connection> {
         .collect()
 }
 
-/// The cycle of a line: long enough for its frames at 100 Mbit/s and for the way there.
+/// The cycle of a line: long enough for its frames at 100 Mbit/s and for their way.
 pub fn cycle_of(count: usize) -> Nanos {
     Nanos::millis(1 + 3 * count as i64 / 1000)
 }
@@ -82,7 +84,7 @@ pub struct Line {
     count: usize,
     cycle: Picos,
     now: Time<True>,
-    /// Cycles begin here and at multiples of the cycle behind it.
+    /// Cycles begin here and at all multiples of the cycle after it.
     origin: Time<True>,
     /// The frames of a cycle as they are sent, and a buffer for one in flight.
     frames: Vec<Vec<u8>>,
@@ -117,7 +119,8 @@ impl Line {
             line.exchange(false);
         }
         line.assert_state(AlState::Op);
-        // Outputs go through to the inputs of all, in whatever cycle each of them reached OP.
+        // Wait until outputs have reached the inputs of all, whatever the cycle in which each of
+        // them reached OP.
         for _ in 0..8 {
             line.exchange(false);
         }
@@ -125,8 +128,8 @@ impl Line {
         line
     }
 
-    /// One cycle: all its frames pass, and everything happens up to the next. Every working counter
-    /// must be right.
+    /// Runs one cycle: all its frames pass, and all events up to the next cycle happen. Every
+    /// working counter must be right.
     pub fn cycle(&mut self) {
         self.exchange(true);
     }
@@ -139,7 +142,8 @@ impl Line {
         }
     }
 
-    /// Inputs of every SubDevice are the outputs of an earlier cycle: the applications ran.
+    /// Asserts that the inputs of every SubDevice are the outputs of an earlier cycle: the
+    /// applications ran.
     pub fn assert_applications_ran(&self) {
         for (position, device) in self.segment.devices().iter().enumerate() {
             assert_eq!(device.stack.sync().sm_event_missed(), 0, "SubDevice {position}");
@@ -186,7 +190,8 @@ impl Line {
                 assert_eq!(datagram.data, [AlState::Op as u8, 0], "{datagram}");
             }
             if datagram.header.command() == Ok(Command::Lrw) {
-                // Two or three cycles old, depending on where in the cycle SYNC0 comes.
+                // The data is two or three cycles old, depending on the phase of SYNC0 in the
+                // cycle.
                 let age = self.number.wrapping_sub(datagram.data[0]);
                 let same = datagram.data.iter().all(|byte| *byte == datagram.data[0]);
                 assert!(same && (1..=3).contains(&age), "age {age}: {datagram}");
@@ -195,7 +200,7 @@ impl Line {
     }
 
     fn set_up(&mut self) {
-        // Before the first frame: the mean times.
+        // No frame has been sent, so these are the mean times.
         let entries = self.segment.path().entries.clone();
         let outputs = SyncManager::new(OUTPUTS_AT, BYTES, SyncManager::OUTPUTS, true);
         let inputs = SyncManager::new(INPUTS_AT, BYTES, SyncManager::INPUTS, true);
@@ -259,7 +264,7 @@ impl Line {
         self.pass(&mut buffer[..len]);
     }
 
-    /// Passes a frame of the way up and waits until it is over everywhere.
+    /// Passes a frame of the bring-up and waits until it is over everywhere.
     fn pass(&mut self, bytes: &mut [u8]) {
         self.segment.pass(bytes, self.now, &mut ignore).expect("no cable is disturbed");
         self.now += self.segment.path().round_trip;
@@ -267,7 +272,7 @@ impl Line {
     }
 }
 
-/// The drift datagram, one LRW for each chunk, and AL status last: the MainDevice's own cycle.
+/// The drift datagram, one LRW for each chunk, and AL status last, like the MainDevice's cycle.
 fn cyclic_frames(count: usize) -> Vec<Vec<u8>> {
     let mut frames = Vec::new();
     let chunks = count.div_ceil(PER_CHUNK);
@@ -335,28 +340,28 @@ fn sii() -> Vec<u8> {
     image
 }
 
-/// Frames that nobody watches.
+/// An observer that does nothing.
 pub struct NoTap;
 
 impl Tap for NoTap {
     fn frame(&mut self, _: Time<True>, _: bool, _: &[u8]) {}
 }
 
-/// The line behind a MainDevice, which has brought it up into operation. The error, if it can't.
+/// The line with a MainDevice, which has brought it into operation. Returns the error if it cannot.
 pub fn world(count: usize) -> Result<World<Motion, NoTap>, String> {
     world_of(connections(count), |_| {})
 }
 
-/// The same with SubDevices and a configuration that are not quite those.
+/// The same with given SubDevices and an adjusted configuration.
 pub fn world_of(
     segment: Vec<Connection>,
     adjust: impl FnOnce(&mut Config),
 ) -> Result<World<Motion, NoTap>, String> {
     let count = segment.len();
     let mut config = Config::new(cycle_of(count));
-    // Procedures of all SubDevices send at once: their frames wait for each other at the port.
+    // Procedures of all SubDevices send at once, so their frames wait for each other at the port.
     config.timeouts.frame = Nanos::millis(100);
-    // Long cycles bring few times to the drift loops, which then take a minute for the last 100 ns.
+    // With long cycles the drift loops get few times, and then need a minute for the last 100 ns.
     config.drift_threshold = Nanos(300);
     let assumed = AssumedTimes {
         outputs_calc_and_copy: Some(Nanos(20_000)),
@@ -384,7 +389,7 @@ pub fn world_of(
     }
 }
 
-/// Runs a world for so many cycles; gives the number of wrong working counters.
+/// Runs a world for this number of cycles; returns the number of wrong working counters.
 pub fn run_cycles(world: &mut World<Motion, NoTap>, cycles: u64) -> u64 {
     let before = world.main().statistics().working_counter_errors;
     let end = world.main().statistics().cycles + cycles;

@@ -1,8 +1,8 @@
-//! A line whose clocks are led by one drift datagram a cycle: how far SYNC0 and 0x092C spread, hop
-//! by hop.
+//! A line whose clocks are controlled by one drift datagram in each cycle: measures the spread of
+//! SYNC0 and 0x092C, hop by hop.
 //!
-//! Everything is as a MainDevice sets it but the delays, which are the true ones: what is left is
-//! the drift loop, the ticks and the jitter of the hops.
+//! All settings are those of a MainDevice, except the delays, which are the true ones. What remains
+//! is the effect of the drift loop, the ticks and the jitter of the hops.
 
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::random::Stream;
@@ -17,20 +17,21 @@ use isocat_wire::{AutoIncrementAddress, Command};
 
 use crate::line;
 
-/// What is measured.
+/// The settings of a measurement.
 #[derive(Clone, Copy, Debug)]
 pub struct Course {
     /// SubDevices in the line.
     pub devices: usize,
     /// Whether hops jitter.
     pub hop_jitter: bool,
-    /// Drift datagrams every 100 us at first, and every cycle before the measurement.
+    /// Number of drift datagrams every 100 us at first, and then every cycle before the
+    /// measurement.
     pub settling: [usize; 2],
-    /// Cycles that are measured.
+    /// Number of cycles that are measured.
     pub cycles: usize,
 }
 
-/// What was found at one SubDevice, ns.
+/// The results of one SubDevice.
 #[derive(Clone, Debug)]
 pub struct Spread {
     /// Hops from the reference clock, the first SubDevice.
@@ -42,7 +43,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Mean, standard deviation and largest size of SYNC0, ns.
+    /// Mean, standard deviation and largest absolute value of SYNC0, ns.
     pub fn sync0_ns(&self) -> [f64; 3] {
         figures(&self.sync0).map(|ps| ps / 1_000.0)
     }
@@ -61,22 +62,22 @@ fn figures(statistics: &Statistics) -> [f64; 3] {
 /// Bus cycle and period of SYNC0.
 const CYCLE: Picos = Picos(1_000_000_000);
 const CYCLE_NS: u64 = 1_000_000;
-/// Register 0x0934 while drift datagrams follow each other closely, and once a cycle: as a
-/// MainDevice sets it.
+/// Register 0x0934 while drift datagrams follow each other closely, and with one in each cycle: the
+/// MainDevice's settings.
 const IN_BURST: u8 = 6;
 const IN_OPERATION: u8 = 4;
-/// From one drift datagram to the next of those sent at first.
+/// Time from one drift datagram to the next at first.
 const BURST: Picos = Picos(100_000_000);
-/// A host sends when it can: within so much after the cycle's begin, spread evenly.
+/// Largest lateness of the host after the cycle's start; lateness is uniformly distributed.
 const LATENESS_PS: u64 = 20_000_000;
 
-/// Leads the clocks of a line and looks at those that are so many hops away.
+/// Controls the clocks of a line and measures those at these numbers of hops.
 pub fn spread(course: &Course, hops: &[usize]) -> Vec<Spread> {
     let connections = line::connections(course.devices).into_iter();
     let connections = connections
         .enumerate()
         .map(|(position, mut connection)| {
-            // Up to 20 ppm either way, and in no relation to each other and the cycle.
+            // Deviations of up to ±20 ppm, without any relation to each other and to the cycle.
             let ppb = Stream::new(7, "clock", position as u64).up_to(40_000);
             connection.device.clock = ClockModel::constant(ppb as i64 - 20_000);
             Connection { hop_jitter: course.hop_jitter, ..connection }
@@ -126,9 +127,9 @@ struct Clocks {
 }
 
 impl Clocks {
-    /// Delays, offsets and filters.
+    /// Sets delays, offsets and filters.
     fn set_up(&mut self) {
-        // No frame has set out: these are the means.
+        // No frame has been sent, so these are the mean times.
         let entries = self.segment.path().entries.clone();
         for entry in &entries {
             let station = line::REFERENCE.wrapping_add(entry.device as u16);
@@ -152,7 +153,7 @@ impl Clocks {
     fn start_sync0(&mut self) {
         let reference = &self.segment.devices()[0];
         let now = reference.esc.system_time(reference.oscillator().read(self.now)).count();
-        // Behind all these writes.
+        // The start is after all these writes.
         let ahead = 10 * CYCLE_NS * self.segment.devices().len() as u64;
         let start = (now + ahead).next_multiple_of(CYCLE_NS) + CYCLE_NS / 2;
         for device in 0..self.segment.devices().len() {
@@ -163,7 +164,7 @@ impl Clocks {
         }
     }
 
-    /// One drift datagram, and everything up to the next.
+    /// Sends one drift datagram, and processes all events up to the next.
     fn lead(&mut self, until_next: Picos, watch: &mut impl FnMut(Observation)) {
         let at = self.now + Picos((self.now.count() / 977 * 7_919 % LATENESS_PS) as i64);
         let time = Address::Station(
@@ -179,7 +180,7 @@ impl Clocks {
         let position = AutoIncrementAddress::of_position(device as u16);
         let to = Address::Position(position, register.address);
         self.send(Command::Apwr, to, value.to_bytes().as_ref(), self.now, &mut |_| ());
-        // Longer than any frame needs to come back.
+        // This is longer than any frame needs to come back.
         self.now += Picos(1_000_000_000);
     }
 

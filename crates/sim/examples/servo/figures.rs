@@ -1,4 +1,4 @@
-//! What is read off races.
+//! The figures of races.
 
 use isocat_wire::time::{Picos, Time};
 
@@ -9,33 +9,33 @@ use super::race::{self, LENGTH, LOCK, SETTLED, Track};
 /// Figures of one race, ps.
 #[derive(Clone, Copy)]
 pub struct Figures {
-    /// From the first deadline to the one from which on none is off the target by [`LOCK`] or more, until
-    /// something happens.
+    /// Time from the first deadline to the one after which none is off the target by [`LOCK`] or
+    /// more, until the disturbance.
     pub lock: Option<i64>,
-    /// The same for the law's own mean phase in place of the target.
+    /// The same for the law's own mean phase instead of the target.
     pub own_lock: Option<i64>,
     /// Mean phase error of the deadlines once settled.
     pub mean: f64,
-    /// Farthest that a deadline is off that mean, once settled.
+    /// Largest distance of a deadline from that mean, once settled.
     pub worst: i64,
     /// Arrival of the earliest frame once settled, less the target.
     pub earliest: i64,
     /// Arrival of the latest.
     pub latest: i64,
-    /// From what happens until no deadline is off the law's own mean by [`LOCK`] or more. `None`: nothing
-    /// happens, or it was not within that before.
+    /// Time from the disturbance until no deadline is off the law's own mean by [`LOCK`] or more.
+    /// `None`: there is no disturbance, or it was not within that before.
     pub recovery: Option<i64>,
 }
 
 impl Figures {
-    /// Reads a race.
+    /// Computes the figures of a race.
     pub fn of(track: &Track, course: &Course, own_phase: bool) -> Self {
         let end = Picos::from(LENGTH).0;
         let happens = course.disturbance.map(|at| (Time::ZERO + Picos::from(at) - track.begin).0);
         let quiet_end = happens.unwrap_or(end);
         let quiet = || track.points.iter().filter(|point| point.at.0 < quiet_end);
-        // Around the first of them: a law that chose its phase near half a cycle from the target is not
-        // to be torn apart by the fold.
+        // Phases are folded around the first of them, so that the phases of a law near half a cycle
+        // from the target are not split by the fold.
         let first = quiet().find(|point| point.at >= SETTLED).map_or(0, |point| point.deadline);
         let around = |deadline: i64| first + fold(deadline - first);
         let settled: Vec<i64> = quiet()
@@ -75,14 +75,14 @@ impl Figures {
     }
 }
 
-/// A time that all races reach, or the number of those that do not.
+/// Times of all races, and the number of races that have one.
 #[derive(Clone, Copy)]
 pub struct Times {
-    /// Half of the races that reach it are faster, ps.
+    /// Median of the races that have one, ps.
     pub median: i64,
     /// The slowest, ps.
     pub worst: i64,
-    /// Races that reach it.
+    /// Number of races that have one.
     pub reached: usize,
 }
 
@@ -104,7 +104,7 @@ pub struct Summary {
     pub own_lock: Times,
     /// Mean phase of all starts, ps.
     pub mean: f64,
-    /// From the least mean phase to the largest, ps.
+    /// Difference of the largest and the least mean phase, ps.
     pub repeat: f64,
     /// [`Figures::worst`] of all, ps.
     pub worst: i64,
@@ -117,7 +117,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Races a law on a course from so many starts.
+    /// Races a law on a course from this number of starts.
     pub fn of(law: &Entry, course: &Course, starts: u64) -> Self {
         let race = |seed| Figures::of(&race::run(law, course, seed), course, law.own_phase);
         let all: Vec<Figures> = (0..starts).map(race).collect();
@@ -137,11 +137,11 @@ impl Summary {
     }
 }
 
-/// Within half a cycle.
+/// Folds an error into half a cycle.
 fn fold(error: i64) -> i64 {
     (error + CYCLE / 2).rem_euclid(CYCLE) - CYCLE / 2
 }
 
-/// What is in lock for less than this before the end did not stay.
+/// A lock that lasts less than this before the end does not count.
 const STAYS: i64 = 200_000_000_000;
 const CYCLE: i64 = race::GRID.cycle * 1_000;

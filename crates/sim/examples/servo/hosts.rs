@@ -1,20 +1,21 @@
-//! The hosts that the laws run on.
+//! The hosts for the laws.
 
 use isocat_sim::HostModel;
 use isocat_sim::host::{Delay, Stall};
 use isocat_sim::oscillator::Step;
 use isocat_wire::time::Nanos;
 
-/// A host, and what happens to it.
+/// A host, and its disturbance.
 #[derive(Clone, Copy)]
 pub struct Course {
-    /// What the table calls it.
+    /// Name in the table.
     pub name: &'static str,
-    /// The host, its clock's deviation apart.
+    /// The host, without its clock's deviation.
     pub host: HostModel,
-    /// Mean time from stamp to wire beside the constant part: what a MainDevice there is told.
+    /// Mean time from stamp to wire in addition to the constant part: the setting of a MainDevice
+    /// on this host.
     pub stamp_noise: Nanos,
-    /// True time of what happens, if something does.
+    /// True time of the disturbance, if there is one.
     pub disturbance: Option<Nanos>,
 }
 
@@ -32,8 +33,8 @@ const QUIET: HostModel = HostModel {
     stall: None,
 };
 
-/// Wake-ups some 5 us late, one of a thousand 50 to 150 us more. Between the stamp and the wire 0.5 us, one
-/// of two thousand 10 to 50 us more.
+/// Wake-ups are about 5 us late, one of a thousand 50 to 150 us more. The time from stamp to wire
+/// is 0.5 us, one of two thousand 10 to 50 us more.
 const REAL_TIME: HostModel = HostModel {
     wake_ups: Some(Delay {
         mean: Nanos(5_000),
@@ -44,8 +45,8 @@ const REAL_TIME: HostModel = HostModel {
     ..QUIET
 };
 
-/// Wake-ups some 30 us late, one of 500 stalls for 1 to 5 ms. Between the stamp and the wire 10 us, one of a
-/// thousand 0.1 to 1 ms more.
+/// Wake-ups are about 30 us late, one of 500 stalls for 1 to 5 ms. The time from stamp to wire is
+/// 10 us, one of a thousand 0.1 to 1 ms more.
 const DESKTOP: HostModel = HostModel {
     wake_ups: Some(Delay {
         mean: Nanos(30_000),
@@ -63,7 +64,7 @@ const DESKTOP: HostModel = HostModel {
 const STEP: Option<Step> = Some(Step { by_ppb: -50_000, at: DISTURBANCE });
 const STALL: Option<Stall> = Some(Stall { at: DISTURBANCE, length: Nanos(1_000_000) });
 
-/// All of them.
+/// All hosts.
 pub const COURSES: [Course; 7] = [
     course("ideal", QUIET, 0),
     course("real-time", REAL_TIME, 500),

@@ -1,46 +1,47 @@
-//! The laws: the project's servo, and those that are in use elsewhere, written anew from their description.
+//! The laws: the project's servo, and laws in use elsewhere, written here from their description.
 //!
-//! What the others have in common: they know the reference time that came back, not the stamp of the frame
-//! that fetched it (the second excepted), and correct the deadline that follows.
+//! The other laws have in common that they know the reference time that came back, but not the
+//! stamp of the frame that fetched it (except the second), and correct the next deadline.
 
 use isocat_sync::phase::{Servo, Settings};
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
-/// What a law hears of a cycle.
+/// The data that a law gets of a cycle.
 #[derive(Clone, Copy)]
 pub struct Heard {
-    /// The deadline that it had commanded.
+    /// The commanded deadline.
     pub deadline: Time<Host>,
     /// When the program was awake and sent.
     pub stamp: Time<Host>,
-    /// When it had the answer.
+    /// When the program had the answer.
     pub back: Time<Host>,
-    /// What the reference clock showed when the frame reached it.
+    /// The reference time when the frame reached the clock.
     pub dc: Time<Dc>,
 }
 
-/// How deadlines follow from reference times.
+/// Computes deadlines from reference times.
 pub trait Law {
     /// The deadline of the next frame.
     fn next(&mut self, heard: Heard) -> Time<Host>;
 
-    /// The program woke at `now`, for `deadline`: another deadline, if it is not to send now.
+    /// Called when the program woke at `now` for `deadline`: returns another deadline if it must
+    /// not send now.
     fn put_off(&mut self, _deadline: Time<Host>, _now: Time<Host>) -> Option<Time<Host>> {
         None
     }
 }
 
-/// The cycle and the phase of it at which frames are to find the reference clock.
+/// The cycle, and the phase at which frames should find the reference clock.
 #[derive(Clone, Copy)]
 pub struct Grid {
-    /// ns.
+    /// Cycle, ns.
     pub cycle: i64,
-    /// ns.
+    /// Phase, ns.
     pub target: i64,
 }
 
 impl Grid {
-    /// How far behind the target a reference time is, within half a cycle.
+    /// How late a reference time is against the target, within half a cycle.
     pub fn error(self, dc: Time<Dc>) -> i64 {
         self.fold((dc + Nanos(-self.target)).phase(self.cycle as u64) as i64)
     }
@@ -52,15 +53,15 @@ impl Grid {
 
 /// A law by name.
 pub struct Entry {
-    /// What the table calls it.
+    /// Name in the table.
     pub name: &'static str,
-    /// It chooses its own phase.
+    /// Whether it chooses its own phase.
     pub own_phase: bool,
-    /// Makes one, on a host whose stamps are early by the span.
+    /// Makes the law, on a host whose stamps are early by the span.
     pub make: fn(Grid, Nanos) -> Box<dyn Law>,
 }
 
-/// All of them, ours first.
+/// All laws, ours first.
 pub const LAWS: [Entry; 5] = [
     Entry {
         name: "isocat",
@@ -88,7 +89,7 @@ pub const LAWS: [Entry; 5] = [
     Entry { name: "deadbeat", own_phase: false, make: |grid, _| Box::new(Deadbeat { grid }) },
 ];
 
-/// The servo as the MainDevice uses it.
+/// The servo as in the MainDevice.
 struct Ours {
     grid: Grid,
     servo: Servo,
@@ -116,7 +117,8 @@ impl Law for Ours {
     }
 }
 
-/// Proportional and integral parts of the phase error, for any cycle the same; the integral without bound.
+/// Proportional and integral parts of the phase error, equal for any cycle; the integral has no
+/// bound.
 struct Pi {
     grid: Grid,
     sum: i64,
@@ -131,7 +133,8 @@ impl Law for Pi {
     }
 }
 
-/// A step of fixed size against the sign of the error. It takes the lateness of its own wake-up off.
+/// A step of fixed size against the sign of the error. It subtracts the lateness of its own
+/// wake-up.
 struct BangBang {
     grid: Grid,
 }
@@ -145,7 +148,8 @@ impl Law for BangBang {
     }
 }
 
-/// A smoothed error, both parts of it, limits on everything. Its target is the phase of its first sample.
+/// A smoothed error with proportional and integral parts, and limits on everything. Its target is
+/// the phase of its first sample.
 #[derive(Default)]
 struct Smoothed {
     grid: Grid,
@@ -200,14 +204,14 @@ impl Law for Smoothed {
     }
 }
 
-/// The whole error is waited for at once.
+/// The whole error is corrected at once.
 struct Deadbeat {
     grid: Grid,
 }
 
 impl Law for Deadbeat {
     fn next(&mut self, heard: Heard) -> Time<Host> {
-        // Counted from the send instant; counted from the answer it would be off by the round trip.
+        // It counts from the send instant; from the answer it would be off by the round trip.
         let offset = heard.dc.phase(self.grid.cycle as u64) as i64;
         heard.stamp + Nanos(self.grid.cycle - offset + self.grid.target)
     }

@@ -1,7 +1,7 @@
-//! The clock servo against the laws of the field: `servo [STARTS]`, 100 unless told.
+//! The clock servo against other laws: `servo [STARTS]`, default 100.
 //!
-//! Prints the table of `docs/servo.md`. Everything is virtual time from fixed seeds, so it prints the same
-//! on every machine.
+//! Prints the table of `docs/servo.md`. Everything is virtual time from fixed seeds, so the output
+//! is the same on every machine.
 
 use std::process::ExitCode;
 
@@ -50,7 +50,7 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Median and worst; where not all starts reach it, how many do.
+/// Median and worst time; if not all starts reach it, the number that do.
 fn times(times: Times, starts: u64) -> String {
     let millis = |ps: i64| ps / 1_000_000_000;
     match times.reached as u64 {

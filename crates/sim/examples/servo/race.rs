@@ -17,13 +17,13 @@ use isocat_wire::{AutoIncrementAddress, Command};
 use super::hosts::Course;
 use super::laws::{Entry, Grid, Heard};
 
-/// The cycle of all races, 1 ms, and where frames are to meet it.
+/// The cycle of all races, 1 ms, and the target phase of frames.
 pub const GRID: Grid = Grid { cycle: 1_000_000, target: 300_000 };
 /// How long a race lasts.
 pub const LENGTH: Nanos = Nanos(6_000_000_000);
-/// From here on a law that settles has settled.
+/// Time after which a law that settles has settled.
 pub const SETTLED: Picos = Picos(3_000_000_000_000);
-/// Largest phase error of a deadline that is in lock.
+/// Largest phase error of a deadline in lock.
 pub const LOCK: i64 = 1_000_000;
 
 /// A race, cycle by cycle.
@@ -34,15 +34,15 @@ pub struct Track {
     pub points: Vec<Point>,
 }
 
-/// One cycle of a race, seen in true time.
+/// One cycle of a race in true time.
 #[derive(Clone, Copy)]
 pub struct Point {
-    /// Since the first deadline.
+    /// Time since the first deadline.
     pub at: Picos,
-    /// The reference's phase at which a frame arrives that leaves at the deadline without any delay, less the
-    /// target: what the law commands, ps.
+    /// The commanded phase: the reference's phase for a frame that leaves at the deadline without
+    /// any delay, less the target, ps.
     pub deadline: i64,
-    /// How much later the frame did arrive, ps. Not folded: what is late by a whole cycle is late.
+    /// How much later the frame arrived, ps. It is not folded: a whole cycle counts as late.
     pub late: i64,
 }
 
@@ -66,13 +66,13 @@ fn segment(reference_ppb: i64, seed: u64) -> Segment {
         clock: ClockModel::constant(reference_ppb),
         local_time: Time::new(777_000_000_123),
     };
-    // Laws are compared to a tick; what a hop adds is the same for all of them.
+    // Laws are compared to a tick; the jitter of a hop is the same for all of them.
     let connection = Connection::new(None, Cable::of_length(10_000), device);
     Segment::new(vec![Connection { hop_jitter: false, ..connection }], seed)
 }
 
-/// Runs a law on a course. Every seed is another start: the host up to 100 ppm off the reference (the first
-/// two exactly), at any phase.
+/// Runs a law on a course. Every seed is another start: the host deviates up to 100 ppm from the
+/// reference (the first two by exactly that), at any phase.
 pub fn run(law: &Entry, course: &Course, seed: u64) -> Track {
     let mut chance = Stream::new(seed, "start", 0);
     let off = match seed {
@@ -112,13 +112,13 @@ pub fn run(law: &Entry, course: &Course, seed: u64) -> Track {
     Track { begin, points }
 }
 
-/// A frame there and back.
+/// A frame to the reference and back.
 struct Exchange {
-    /// First bit at the reference.
+    /// When its first bit arrives at the reference.
     arrival: Time<True>,
-    /// From the port to the reference.
+    /// Time from the port to the reference.
     way: Picos,
-    /// In the program's hands.
+    /// When the program has it.
     back: Time<True>,
     dc: Time<Dc>,
 }
@@ -138,7 +138,7 @@ fn exchange(host: &mut HostMachine, segment: &mut Segment, at: Time<True>) -> Ex
     Exchange { arrival: start + way, way, back, dc: Time::new(dc) }
 }
 
-/// By the reference's clock as it is between its ticks, ps.
+/// The phase error by the reference clock, interpolated between its ticks, ps.
 fn phase_error(segment: &Segment, at: Time<True>) -> i64 {
     let cycle = i128::from(GRID.cycle) * 1_000;
     let system = segment.devices()[0].system_time_ps(at);

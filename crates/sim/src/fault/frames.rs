@@ -1,4 +1,4 @@
-//! What becomes of frames: which are lost, damaged, late, doubled.
+//! Faults of frames: frames that are lost, damaged, late or doubled.
 
 use isocat_wire::time::Nanos;
 
@@ -6,7 +6,7 @@ use crate::cable::Direction;
 use crate::fault::{FrameFault, Harm, MILLION, Which};
 use crate::random::Stream;
 
-/// The faults of frames that are in force at one place: the MainDevice's port, or the cables.
+/// The faults of frames that are in force at one place: at the MainDevice's port, or on the cables.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct FrameFaults {
     active: Vec<Active>,
@@ -14,15 +14,15 @@ pub(crate) struct FrameFaults {
 
 #[derive(Clone, Debug)]
 struct Active {
-    /// What ends it.
+    /// The id by which it ends.
     id: u64,
     fault: FrameFault,
-    /// Frames of a fault that counts, or of a burst, that are still to be hit.
+    /// Remaining frames to hit, of a fault with a fixed number or of a burst.
     left: u64,
     chance: Stream,
 }
 
-/// What happens to a frame on one way.
+/// The faults of a frame in one direction.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Harms {
     pub lost: bool,
@@ -32,7 +32,7 @@ pub(crate) struct Harms {
 }
 
 impl FrameFaults {
-    /// A fault begins; its draws come from the seed of the run and its id.
+    /// Begins a fault; its random numbers come from the seed of the run and its id.
     pub fn begin(&mut self, id: u64, fault: FrameFault, seed: u64) {
         let place = |active: &Active| {
             let kind = std::mem::discriminant(&active.fault.harm);
@@ -45,7 +45,7 @@ impl FrameFaults {
         let left = match fault.which {
             Which::Next(count) => count,
             Which::Chance { ppm, .. } => {
-                // Another probability at the same place goes in the place of the one before.
+                // Another probability at the same place replaces the former one.
                 self.active.retain(|active| !place(active));
                 if ppm == 0 {
                     return;
@@ -57,22 +57,22 @@ impl FrameFaults {
         self.active.push(Active { id, fault, left, chance });
     }
 
-    /// A fault ends.
+    /// Ends a fault.
     pub fn end(&mut self, id: u64) {
         self.active.retain(|active| active.id != id);
     }
 
-    /// All of them end.
+    /// Ends all faults.
     pub fn heal(&mut self) {
         self.active.clear();
     }
 
-    /// Whether any is in force.
+    /// Whether any fault is in force.
     pub fn are_any(&self) -> bool {
         !self.active.is_empty()
     }
 
-    /// What happens to the frame that leaves the MainDevice next, on its way out and on its way back.
+    /// The faults of the next frame that leaves the MainDevice, on its way out and on its way back.
     pub fn at_port(&mut self) -> [Harms; 2] {
         let mut harms = [Harms::default(); 2];
         for active in &mut self.active {
@@ -85,7 +85,7 @@ impl FrameFaults {
         harms
     }
 
-    /// What happens to a frame that sets out over a cable.
+    /// The faults of a frame that enters a cable.
     pub fn on_cable(&mut self, cable: usize, direction: Direction) -> Harms {
         let mut harms = Harms::default();
         for active in &mut self.active {
@@ -120,7 +120,7 @@ impl Active {
         hit
     }
 
-    /// The way on which the hit frame is harmed.
+    /// The direction in which the frame is hit.
     fn way(&mut self) -> Direction {
         let either = |chance: &mut Stream| match chance.up_to(1) {
             0 => Direction::Out,
@@ -158,7 +158,7 @@ mod tests {
     fn losses_come_as_often_as_asked_for() {
         for (ppm, burst, expected) in [
             (100_000, 1, 1_800..2_200),
-            // A hit takes two more with it: one of 12 begins, 3 of 12 are lost.
+            // A hit affects two more frames: one of 12 frames begins a burst, so 3 of 12 are lost.
             (100_000, 3, 4_700..5_300),
             (MILLION, 1, 20_000..20_001),
         ] {

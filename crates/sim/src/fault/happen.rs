@@ -1,4 +1,4 @@
-//! How faults come over a segment and its host, and how they end.
+//! Applies faults to a segment and its host, and ends them.
 
 use isocat_wire::register;
 use isocat_wire::time::{Nanos, Picos, Time, True};
@@ -12,20 +12,21 @@ use crate::observation::Observation;
 use crate::random::Stream;
 use crate::segment::Segment;
 
-/// What faults come over.
+/// The objects that faults change.
 pub(crate) struct Scene<'a> {
     pub segment: &'a mut Segment,
-    /// Where the MainDevice's machine is simulated too.
+    /// The host, if it is simulated too.
     pub host: Option<&'a mut HostMachine>,
-    /// What happens to frames at the MainDevice's port.
+    /// The faults of frames at the MainDevice's port.
     pub port: &'a mut FrameFaults,
 }
 
-/// So long before their time cables and power are told: longer than a frame is on its way.
+/// Changes of cables and power are announced this much before their time: longer than a frame is in
+/// flight.
 const AHEAD: Picos = Picos(2_000_000_000);
 
 impl Timeline {
-    /// Lets everything happen that is due at `now`.
+    /// Applies all faults that are due at `now`.
     pub(crate) fn happen(
         &mut self,
         now: Time<True>,
@@ -43,7 +44,7 @@ impl Timeline {
         }
     }
 
-    /// Whether something is to be done by `now`, and on cables in time before it.
+    /// Whether a fault is due by `now`; faults on cables are due earlier, to be announced.
     pub(crate) fn is_due(&self, now: Time<True>) -> bool {
         self.next().is_some_and(|at| at <= now + AHEAD)
     }
@@ -147,7 +148,7 @@ impl Timeline {
                     let id = active.id;
                     self.end(at, id, scene, watch);
                 }
-                // Those that count frames are not among them.
+                // Faults with a fixed number of frames are not in `active`.
                 scene.port.heal();
                 scene.segment.disturbances.frames.heal();
                 return;
@@ -222,7 +223,7 @@ impl Timeline {
         self.note(Happened { at, fault, begins: false, lasts: None });
     }
 
-    /// A flapping cable changes; another MainDevice sends.
+    /// Continues a fault: a flapping cable changes, or another MainDevice sends.
     fn go_on(&mut self, at: Time<True>, id: u64, scene: &mut Scene<'_>) {
         let wired = scene.wired(at);
         let Some(active) = self.active.iter_mut().find(|active| active.id == id) else { return };
@@ -254,9 +255,9 @@ impl Timeline {
         watch: &mut impl FnMut(Observation),
     ) {
         let Some(setup) = self.spares.get_mut(spare).and_then(Option::take) else { return };
-        // The notice that the power is gone has come.
+        // The notice of the power loss is due by now.
         scene.segment.live(at, watch);
-        // Another fault gave it power in between: nobody takes it out.
+        // If another fault gave it power in between, it is not replaced.
         if scene.segment.devices()[device].is_powered() {
             return;
         }
@@ -264,7 +265,7 @@ impl Timeline {
         scene.segment.replace_device(device, setup, seed);
     }
 
-    /// Whatever is broken of a cable is whole again.
+    /// Repairs all faults of a cable.
     fn mend(&mut self, cable: usize, at: Time<True>, segment: &mut Segment) {
         let number = segment.cable_number(cable);
         segment.plug(number, at);
@@ -281,7 +282,8 @@ impl Timeline {
 }
 
 impl Scene<'_> {
-    /// When something can happen to cables and power that is due at `at`: not before what was told of them.
+    /// The earliest instant, from `at` on, for a change of cables and power: not before the last
+    /// announced change.
     fn wired(&self, at: Time<True>) -> Time<True> {
         let disturbances: &Disturbances = &self.segment.disturbances;
         at.max(disturbances.latest_change())

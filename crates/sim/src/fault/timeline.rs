@@ -1,4 +1,4 @@
-//! What is planned, what is in force, and what has happened, in the order of time.
+//! The planned faults, those in force, and those that have happened, in the order of time.
 
 use std::collections::VecDeque;
 
@@ -11,23 +11,25 @@ use crate::random::Stream;
 
 /// The faults of a run.
 ///
-/// - [`new`](Self::new) with what is planned; [`order`](Self::order) adds what somebody wants now.
-/// - The simulation lets it all happen at its instants; whoever knows of a [`Moment`] tells it by [`reached`](Self::reached).
-/// - [`happened`](Self::happened) is what came of it.
+/// - [`new`](Self::new) takes the planned faults; [`order`](Self::order) adds a fault during the
+///   run.
+/// - The simulation applies the faults at their instants; code that knows of a [`Moment`] reports
+///   it with [`reached`](Self::reached).
+/// - [`happened`](Self::happened) returns the faults that have happened.
 pub struct Timeline {
     pub(super) seed: u64,
-    /// Faults whose moment has not come.
+    /// Faults whose moment has not been reached.
     waiting: Vec<Planned>,
-    /// What is to be done, ascending by time and then as it was told.
+    /// The next actions, ascending by time and then in the order of their announcement.
     queue: Vec<Entry>,
     pub(super) active: Vec<Active>,
     pub(super) spares: Vec<Option<DeviceSetup>>,
     /// Frames that another MainDevice sends now.
     pub(super) foreign: Vec<Foreign>,
     happened: VecDeque<Happened>,
-    /// The same since somebody looked.
+    /// The faults of `happened` since the last call of [`Self::take_news`].
     news: Vec<Happened>,
-    /// Entries that are not kept in `happened`.
+    /// Number of faults that are no longer in `happened`.
     left_out: u64,
     chance: Stream,
     next_id: u64,
@@ -38,11 +40,11 @@ pub struct Timeline {
 pub struct Happened {
     /// When.
     pub at: Time<True>,
-    /// What.
+    /// The fault.
     pub fault: Fault,
-    /// It began; else it ended.
+    /// True if it began, false if it ended.
     pub begins: bool,
-    /// How long it is to last, if it begins and that is known.
+    /// Its duration, if it begins and the duration is known.
     pub lasts: Option<Nanos>,
 }
 
@@ -54,19 +56,19 @@ struct Entry {
 
 #[derive(Clone, Debug)]
 pub(super) enum Action {
-    /// A fault begins, and ends after a time.
+    /// A fault begins, and ends after `lasts`.
     Begin { fault: Fault, lasts: Option<Nanos> },
-    /// One that is in force ends.
+    /// A fault in force ends.
     End(u64),
-    /// One that is in force goes on: a flapping cable, another MainDevice.
+    /// A fault in force continues: a flapping cable, another MainDevice.
     Again(u64),
-    /// A cable of this length, mm, is there in the place of another one.
+    /// A cable of this length, mm, replaces another one.
     Lay { cable: usize, millimetres: u64 },
     /// The spare SubDevice is put in its place.
     Swap { device: usize, spare: usize },
 }
 
-/// A fault in force, and what puts things right again.
+/// A fault in force, and how to undo it.
 pub(super) struct Active {
     pub id: u64,
     pub fault: Fault,
@@ -74,21 +76,21 @@ pub(super) struct Active {
 }
 
 pub(super) enum Undo {
-    /// What the fault says is enough.
+    /// The fault itself tells how to undo it.
     Plain,
-    /// How the clock was changed.
+    /// The changes of the clock.
     Bends(Vec<Bend>),
-    /// What stood in register 0x0981.
+    /// The former content of register 0x0981.
     Activation(u8),
-    /// The cable is pulled at the moment.
+    /// Whether the cable is pulled at present.
     Pulled(bool),
 }
 
-/// What is remembered of what happened.
+/// Most faults that are kept in `happened`.
 const MOST_HAPPENED: usize = 1_000;
 
 impl Timeline {
-    /// What is planned for a run with this seed. Instants count from the power-on of the segment.
+    /// The planned faults of a run with this seed. Instants count from the power-on of the segment.
     pub fn new(planned: Vec<Planned>, seed: u64) -> Self {
         let mut timeline = Self {
             seed,
@@ -112,18 +114,18 @@ impl Timeline {
         timeline
     }
 
-    /// The same with SubDevices that may be put in the place of others.
+    /// Adds SubDevices that may replace others.
     pub fn with_spares(mut self, spares: Vec<DeviceSetup>) -> Self {
         self.spares = spares.into_iter().map(Some).collect();
         self
     }
 
-    /// A fault begins at `at` and ends after a time, if it is given one.
+    /// Lets a fault begin at `at`, and end after `lasts` if it is given.
     pub fn order(&mut self, at: Time<True>, fault: Fault, lasts: Option<Nanos>) {
         self.push(at, Action::Begin { fault, lasts });
     }
 
-    /// The MainDevice came to a point of its work.
+    /// Reports that the MainDevice reached a moment.
     pub fn reached(&mut self, moment: Moment, at: Time<True>) {
         let is_due = |fault: &mut Planned| match (fault.when, moment) {
             (When::After(Moment::Cycle(wanted), _), Moment::Cycle(number)) => number >= wanted,
@@ -137,7 +139,7 @@ impl Timeline {
         }
     }
 
-    /// Whether something waits for a cycle.
+    /// Whether a fault waits for a cycle.
     pub(crate) fn counts_cycles(&self) -> bool {
         let counts = |fault: &Planned| matches!(fault.when, When::After(Moment::Cycle(_), _));
         self.waiting.iter().any(counts)
@@ -149,33 +151,33 @@ impl Timeline {
         !self.waiting.is_empty() || self.queue.iter().any(begins)
     }
 
-    /// When something is to be done next.
+    /// When the next action is due.
     pub fn next(&self) -> Option<Time<True>> {
         self.queue.first().map(|entry| entry.at)
     }
 
-    /// What has happened so far, in the order of time: the last of it, where there was very much.
+    /// The faults so far, in the order of time; only the last ones if there were very many.
     pub fn happened(&self) -> impl ExactSizeIterator<Item = &Happened> {
         self.happened.iter()
     }
 
-    /// What began or ended since the last call.
+    /// Takes the faults that began or ended since the last call.
     pub fn take_news(&mut self) -> Vec<Happened> {
         std::mem::take(&mut self.news)
     }
 
-    /// One more SubDevice that may be put in the place of another; gives its number.
+    /// Adds a SubDevice that may replace another; returns its number.
     pub fn add_spare(&mut self, setup: DeviceSetup) -> usize {
         self.spares.push(Some(setup));
         self.spares.len() - 1
     }
 
-    /// How much more has happened than is remembered.
+    /// Number of faults that are no longer kept.
     pub fn left_out(&self) -> u64 {
         self.left_out
     }
 
-    /// Faults in force.
+    /// The faults in force.
     pub fn in_force(&self) -> impl Iterator<Item = &Fault> {
         self.active.iter().map(|active| &active.fault)
     }
@@ -185,12 +187,13 @@ impl Timeline {
         std::mem::take(&mut self.foreign)
     }
 
-    /// Whether nothing is planned or in force.
+    /// Whether no fault is planned or in force.
     pub fn is_empty(&self) -> bool {
         self.waiting.is_empty() && self.queue.is_empty() && self.active.is_empty()
     }
 
-    /// Takes what is to be done by `now`; on cables and at the power of SubDevices by `wire`, which is later.
+    /// Takes the next action that is due by `now`; actions on cables and power are taken by `wire`,
+    /// which is later.
     pub(super) fn take(
         &mut self,
         now: Time<True>,
@@ -230,7 +233,7 @@ impl Timeline {
             self.happened.pop_front();
             self.left_out += 1;
         }
-        // Those on cables are told before their time.
+        // Changes of cables are noted before their time, so it is inserted by time.
         let place = self.happened.partition_point(|other| other.at <= happened.at);
         self.happened.insert(place, happened.clone());
         if self.news.len() < MOST_HAPPENED {
@@ -238,7 +241,7 @@ impl Timeline {
         }
     }
 
-    /// Every time of a planned fault, as chance decides.
+    /// Schedules every occurrence of a planned fault, with random decisions.
     fn schedule(&mut self, planned: &Planned, first: Time<True>) {
         let Planned { within, ppm, times, every, lasts, ref fault, .. } = *planned;
         for round in 0..times {

@@ -1,4 +1,4 @@
-//! Faults in words, as summaries and logs tell them.
+//! Faults in words, for summaries and logs.
 
 use std::fmt;
 
@@ -71,7 +71,7 @@ impl fmt::Display for Fault {
     }
 }
 
-/// What a fault calls a cable.
+/// Displays the name of a cable.
 struct CableName(usize);
 
 impl fmt::Display for CableName {

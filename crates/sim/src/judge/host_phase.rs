@@ -1,11 +1,11 @@
-//! Cyclic frames find the reference clock at the phase they were meant for.
+//! Checks that cyclic frames find the reference clock at their intended phase.
 
 use isocat_wire::time::Picos;
 
 use super::Grid;
 use crate::statistics::Statistics;
 
-/// Watches the cyclic frames as they reach the reference clock.
+/// Watches the arrival of cyclic frames at the reference clock.
 #[derive(Clone, Debug)]
 pub struct HostPhase {
     grid: Grid,
@@ -19,8 +19,8 @@ impl HostPhase {
         Self { grid, statistics: Statistics::default(), last: None }
     }
 
-    /// A cyclic frame began to enter the reference SubDevice when its clock stood at `reference_ps` of
-    /// system time.
+    /// Takes a cyclic frame that began to enter the reference SubDevice when its system time was
+    /// `reference_ps`.
     pub fn frame(&mut self, reference_ps: i128) -> Picos {
         let error = self.grid.error(reference_ps);
         self.statistics.push(error.0);

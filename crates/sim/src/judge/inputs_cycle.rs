@@ -1,33 +1,33 @@
-//! Inputs arrive with the first frame behind the event at which they were taken.
+//! Checks that inputs arrive with the first frame after their event.
 //!
 //! The event is the pulse (or the SM event) that starts the latch, not the latch itself: a shift of
 //! Input Latch moves the latch within its cycle. Inputs that come with a later frame are a whole
-//! cycle late, however regular that is. Which inputs a frame fetched is known by their content, as
-//! it is for [`super::OutputsCycle`].
+//! cycle late, even if they are regularly late. The inputs of a frame are known by their content,
+//! as in [`super::OutputsCycle`].
 
 use isocat_wire::time::{Device, Nanos, Picos, Time, True};
 
 use super::{Late, Opportunity};
 use crate::statistics::Statistics;
 
-/// Inputs that may be under way at a time: three buffers, and those that are being copied.
+/// Most inputs in transit at a time: three buffers, and those that are being copied.
 const UNDER_WAY: usize = 4;
 
-/// What binds the inputs of a SubDevice to the cycle.
+/// How the inputs of a SubDevice are bound to the cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Bound {
-    /// Nothing, or nobody knows when frames are to leave.
+    /// They are not bound, or the send times of frames are unknown.
     Free,
-    /// The event of a frame. The inputs are due with the next frame if a timer shifts their latch;
-    /// else they only have to stand in the buffer at the next event, when that frame is through,
-    /// and are due with the one behind it.
+    /// To the event of a frame. The inputs are due with the next frame if a timer shifts their
+    /// latch. Otherwise they must be in the buffer at the next event, when the next frame has
+    /// passed, so they are due with the frame after it.
     Frame {
-        /// From frame to frame.
+        /// Time from frame to frame.
         cycle: Nanos,
-        /// 0x1C33:03 shifts the latch.
+        /// Whether 0x1C33:03 shifts the latch.
         shifted: bool,
     },
-    /// A pulse, and which frame is the first opportunity.
+    /// To a pulse; the opportunity tells the first frame.
     Pulse(Opportunity),
 }
 
@@ -36,18 +36,19 @@ pub enum Bound {
 pub struct Fetched {
     /// The frame that fetched them.
     pub frame: Time<True>,
-    /// When they were latched: what [`InputsCycle::latched`] was told, and the same in true time.
+    /// When they were latched, as told to [`InputsCycle::latched`], and the true time of their
+    /// event.
     pub latched: (Time<Device>, Time<True>),
-    /// When the last bit of the frame is back at the MainDevice.
+    /// When the last bit of the frame arrives at the MainDevice.
     pub arrive: Time<True>,
 }
 
-/// Watches one SubDevice: which inputs its frames bring.
+/// Watches which inputs the frames of one SubDevice bring.
 #[derive(Clone, Debug, Default)]
 pub struct InputsCycle {
-    /// The last event that takes inputs: a pulse, or the frame of an SM event.
+    /// The last event that starts a latch: a pulse, or the frame of an SM event.
     event: Time<True>,
-    /// When inputs were latched, and the event that they belong to.
+    /// When inputs were latched, and their events.
     latched: [(Time<Device>, Time<True>); UNDER_WAY],
     next: usize,
     age: Statistics,
@@ -55,18 +56,19 @@ pub struct InputsCycle {
 }
 
 impl InputsCycle {
-    /// The event that takes inputs: when the pulse was, or for an SM event when its frame left.
+    /// Takes an event that starts a latch: the time of the pulse, or for an SM event the send time
+    /// of its frame.
     pub fn event(&mut self, at: Time<True>) {
         self.event = at;
     }
 
-    /// Inputs are latched.
+    /// Takes a latch of inputs.
     pub fn latched(&mut self, at: Time<Device>) {
         self.latched[self.next] = (at, self.event);
         self.next = (self.next + 1) % UNDER_WAY;
     }
 
-    /// A frame fetched inputs that no frame had fetched before.
+    /// Takes inputs that no earlier frame had fetched.
     pub fn fetched(&mut self, fetched: Fetched, bound: Bound) {
         let age = fetched.arrive - fetched.latched.1;
         self.age.push(age.0);
@@ -87,7 +89,7 @@ impl InputsCycle {
         self.late.take(fetched.arrive, cycles, age);
     }
 
-    /// From Input Latch to the last bit of the first frame that brings the inputs to the
+    /// Time from Input Latch to the last bit of the first frame with these inputs at the
     /// MainDevice.
     pub fn age(&self) -> &Statistics {
         &self.age
@@ -110,7 +112,7 @@ mod tests {
         Time::new(us * 1_000_000)
     }
 
-    /// Latched behind an event, and fetched by a frame that is back 10 us later.
+    /// Latches inputs after an event, and fetches them by a frame that is back 10 us later.
     fn fetch(judge: &mut InputsCycle, event: u64, latch: u64, frame: u64, bound: Bound) {
         judge.event(at(event));
         judge.latched(Time::new(latch * 1_000));
@@ -137,7 +139,7 @@ mod tests {
         let bound = |shifted| Bound::Frame { cycle: CYCLE, shifted };
         fetch(&mut judge, 1_000, 1_900, 2_000, bound(true));
         fetch(&mut judge, 2_000, 2_900, 3_020, bound(true));
-        // Done when the next frame was under way: that is in time for the next event.
+        // It was done when the next frame was in flight, which is in time for the next event.
         fetch(&mut judge, 3_000, 3_990, 5_000, bound(false));
         assert_eq!(judge.late().count(), 0);
         fetch(&mut judge, 5_000, 5_999, 7_000, bound(true));

@@ -1,10 +1,10 @@
-//! Each pulse of SYNC0 and SYNC1 makes an edge.
+//! Checks that each pulse of SYNC0 and SYNC1 makes an edge.
 
 use isocat_subdevice::Event;
 use isocat_wire::time::{Time, True};
 
-/// Counts the pulses of one SubDevice that were due while their signal was still active from the pulse before: they make
-/// no edge, and the program behind the ESC never hears of them.
+/// Counts the pulses of one SubDevice that were due while their signal was still active from the
+/// previous pulse. They make no edge, and the SubDevice's program does not notice them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct LostPulses {
     sync0: u64,
@@ -13,7 +13,7 @@ pub struct LostPulses {
 }
 
 impl LostPulses {
-    /// A pulse of this signal was due at true time `at` and made no edge.
+    /// Takes a pulse of this signal that was due at true time `at` and made no edge.
     pub fn lost(&mut self, at: Time<True>, signal: Event) {
         match signal {
             Event::Sync1 => self.sync1 += 1,
@@ -22,11 +22,11 @@ impl LostPulses {
         self.first.get_or_insert(at);
     }
 
-    /// Pulses of SYNC0.
+    /// Number of lost pulses of SYNC0.
     pub fn sync0(&self) -> u64 {
         self.sync0
     }
-    /// Pulses of SYNC1.
+    /// Number of lost pulses of SYNC1.
     pub fn sync1(&self) -> u64 {
         self.sync1
     }

@@ -1,9 +1,9 @@
-//! Missed SM events: that they happened, and since when.
+//! Counts missed SM events, and records the first one.
 
 use isocat_wire::time::{Time, True};
 
-/// Counts the missed SM events of one SubDevice. The SubDevice's own counter (0x1C32:0B) also counts
-/// down and is reset; this one only grows.
+/// Counts the missed SM events of one SubDevice. The SubDevice's own counter (0x1C32:0B) also
+/// decreases and is reset; this one only increases.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct MissedEvents {
     count: u64,
@@ -12,14 +12,14 @@ pub struct MissedEvents {
 }
 
 impl MissedEvents {
-    /// An event was missed and the SubDevice's counter now stands at `counter`.
+    /// Takes a missed event, with the new value of the SubDevice's counter.
     pub fn missed(&mut self, at: Time<True>, counter: u16) {
         self.count += 1;
         self.first.get_or_insert(at);
         self.highest = self.highest.max(counter);
     }
 
-    /// Events missed.
+    /// Number of missed events.
     pub fn count(&self) -> u64 {
         self.count
     }

@@ -1,7 +1,7 @@
 //! Judges: each watches a run from outside, in true time, and knows one invariant.
 //!
-//! They take no formula from the planner or the device model: what they compare with is physics (true
-//! time, the reference clock's oscillator) and intent (cycle and phase that were asked for).
+//! They use no formula of the planner or the device model. They compare with physics (true time,
+//! the reference clock's oscillator) and with intent (the configured cycle and phase).
 
 pub mod host_phase;
 pub mod inputs_cycle;
@@ -38,8 +38,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// How far a point of system time, given in ps, lies behind the nearest grid point (before it:
-    /// negative).
+    /// Distance of a point of system time, in ps, from the nearest grid point; negative if it is
+    /// earlier.
     pub fn error(&self, system_ps: i128) -> Picos {
         let cycle = i128::from(self.cycle.0) * 1000;
         let into = (system_ps - i128::from(self.phase.0) * 1000).rem_euclid(cycle);

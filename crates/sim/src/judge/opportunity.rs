@@ -1,26 +1,26 @@
-//! How many cycles went by between what sets out and the first occasion at which it could take
-//! effect.
+//! Counts the cycles between the start of process data and the first occasion at which they can
+//! take effect.
 
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
 use super::Grid;
 
-/// The first occasion for something that sets out: the first point of one grid behind a point of
-/// another. Both are intent, so this says what "in its cycle" means, and a distance that was seen
-/// between a real start and a real occasion says how many cycles late it was.
+/// The first occasion of process data after their start: the first point of one grid after a point
+/// of another. Both grids are intent and define the phrase "in its cycle". The distance seen
+/// between a real start and a real occasion then tells the number of cycles by which it was late.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Opportunity {
-    /// From a point of the first grid to the first point of the second behind it, if the second
-    /// comes as often; more than zero, and a `step` at most.
+    /// Distance from a point of the first grid to the next point of the second, if both have the
+    /// same cycle; above zero, and at most `step`.
     distance: Picos,
-    /// The shorter of both cycles: occasions that go by are counted in it.
+    /// The shorter of both cycles, in which missed occasions are counted.
     step: Picos,
-    /// The longer one: what counts as a whole cycle.
+    /// The longer of both cycles, which counts as a whole cycle.
     cycle: Picos,
 }
 
 impl Opportunity {
-    /// From points of `start` to points of `occasion`. `None` if a cycle is zero.
+    /// The opportunity from points of `start` to points of `occasion`. `None` if a cycle is zero.
     pub fn new(start: Grid, occasion: Grid) -> Option<Self> {
         let (step, cycle) = (start.cycle.min(occasion.cycle).0, start.cycle.max(occasion.cycle).0);
         let distance = (occasion.phase.0 - start.phase.0).checked_rem_euclid(step)?;
@@ -32,27 +32,27 @@ impl Opportunity {
         })
     }
 
-    /// Whole cycles by which what took effect `seen` after its start was late; 0 is in its cycle. A
-    /// start may be up to a quarter of a step before its point of the grid and three quarters
-    /// behind it, as a host sends late and not early.
+    /// Number of whole cycles by which an effect, `seen` after its start, was late; 0 is in its
+    /// cycle. A start may be up to a quarter of a step before its grid point and three quarters
+    /// after it, since a host sends late and not early.
     pub fn cycles_late_since_frame(&self, seen: Picos) -> i64 {
         self.cycles_late(seen, self.step.0 / 4 * 3)
     }
 
-    /// The same where what comes late is the occasion: the frame that takes something along.
+    /// The same if the occasion may be late: it is the frame that fetches the data.
     pub fn cycles_late_until_frame(&self, seen: Picos) -> i64 {
         self.cycles_late(seen, self.step.0 / 4)
     }
 
     fn cycles_late(&self, seen: Picos, room: i64) -> i64 {
         let steps = (seen.0 - self.distance.0 + room).div_euclid(self.step.0);
-        // What is early by this count left later than three quarters of a step, and was in time all
-        // the same.
+        // A negative count means that the start was late by more than three quarters of a step, but
+        // still in time.
         (steps.max(0).saturating_mul(self.step.0)) / self.cycle.0
     }
 }
 
-/// What was late: how often, since when, by how much.
+/// Late process data: number, first time, worst cases.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Late {
     count: u64,
@@ -62,8 +62,8 @@ pub struct Late {
 }
 
 impl Late {
-    /// Something took effect at `at`, late by this number of `cycles` and at this age. What was in
-    /// its cycle is not counted.
+    /// Takes process data that took effect at `at`, late by this number of `cycles` and with this
+    /// age. Data in its cycle is not counted.
     pub fn take(&mut self, at: Time<True>, cycles: i64, age: Picos) {
         let Ok(cycles @ 1..) = u64::try_from(cycles) else { return };
         self.count += 1;
@@ -72,19 +72,19 @@ impl Late {
         self.age = self.age.max(age);
     }
 
-    /// How often.
+    /// Number of late occurrences.
     pub fn count(&self) -> u64 {
         self.count
     }
-    /// When for the first time.
+    /// When the first occurred.
     pub fn first(&self) -> Option<Time<True>> {
         self.first
     }
-    /// The most cycles.
+    /// Largest number of cycles.
     pub fn cycles(&self) -> u64 {
         self.cycles
     }
-    /// The largest age of what was late.
+    /// Largest age of late data.
     pub fn age(&self) -> Picos {
         self.age
     }
@@ -110,8 +110,8 @@ mod tests {
         {
             assert_eq!(late.cycles_late_since_frame(us(seen)), cycles, "sent {sent_late} us late");
         }
-        // The smallest step: three quarters of a cycle late counts as the same cycle's frame, more
-        // as the next one's.
+        // The smallest step: a frame three quarters of a cycle late counts for the same cycle, a
+        // later one for the next.
         let edge = 650 + 1000 - 750;
         assert_eq!(late.cycles_late_since_frame(us(edge)), 1);
         assert_eq!(late.cycles_late_since_frame(us(edge) - Picos(1)), 0);
@@ -137,7 +137,7 @@ mod tests {
 
     #[test]
     fn the_longer_cycle_counts() {
-        // Frames every 250 us, pulses every 1 ms: what waits for its pulse is not late.
+        // Frames every 250 us, pulses every 1 ms: data that waits for its pulse is not late.
         let slow = Opportunity::new(grid(250, 0), grid(1000, 650)).unwrap();
         for (seen, cycles) in [(150, 0), (400, 0), (900, 0), (1150, 1), (1900, 1), (2150, 2)] {
             assert_eq!(slow.cycles_late_since_frame(us(seen)), cycles, "{seen}");

@@ -1,48 +1,48 @@
-//! Outputs act in the cycle whose frame brought them.
+//! Checks that outputs act in the cycle whose frame brought them.
 //!
-//! Cycle k's outputs travel in the frame that leaves in cycle k. They act in their cycle if they
-//! act at the first pulse behind the instant at which that frame was to leave, of those pulses at
-//! which outputs of this SubDevice act. A whole cycle later is late, however regular it is. Which
-//! frame brought the outputs is known by their content: the simulator carries the frame beside the
-//! buffer, so neither the plan nor the time of an event decides it.
+//! Cycle k's outputs travel in the frame that leaves in cycle k. They are in their cycle if they
+//! act at the first acting pulse of this SubDevice after the intended send time of that frame. A
+//! whole cycle later is late, even if it is regular. The frame of the outputs is known by their
+//! content: the simulator carries the frame next to the buffer, so neither the plan nor the time of
+//! an event decides it.
 
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
 use super::{Late, Opportunity};
 use crate::statistics::Statistics;
 
-/// Frames whose outputs may wait at a time: three buffers, and what the application has.
+/// Most frames whose outputs wait at a time: three buffers, and the outputs of the application.
 const WAITING: usize = 4;
 
-/// What binds the outputs of a SubDevice to the cycle.
+/// How the outputs of a SubDevice are bound to the cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Bound {
-    /// Nothing: Free Run has no cycle of the bus.
+    /// They are not bound: Free Run has no bus cycle.
     Free,
-    /// The SM2 event: outputs act before newer ones are stored. The distance of two frames is the
-    /// cycle.
+    /// To the SM2 event: outputs act before newer ones are stored. The value is the time from frame
+    /// to frame.
     Sm2(Nanos),
-    /// A pulse, and which of them is the first opportunity.
+    /// To a pulse; the opportunity tells the first one.
     Pulse(Opportunity),
-    /// A pulse, where nobody knows when frames are to leave: the first pulse behind the SM2 event.
+    /// To the first pulse after the SM2 event, if the send times of frames are unknown.
     NextPulse {
-        /// From pulse to pulse.
+        /// Time from pulse to pulse.
         pulse: Nanos,
-        /// From frame to frame.
+        /// Time from frame to frame.
         frame: Nanos,
     },
 }
 
-/// Watches one SubDevice: which frame brought the outputs that act.
+/// Watches which frame brought the acting outputs of one SubDevice.
 #[derive(Clone, Debug, Default)]
 pub struct OutputsCycle {
-    /// Pulses at which outputs act, so far, and the last one.
+    /// Number of acting pulses so far, and the last one.
     pulses: u64,
     pulse: Option<Time<True>>,
-    /// Frames that stored outputs, with the pulses that there had been.
+    /// Frames that stored outputs, with the number of pulses at that time.
     stored: [(Time<True>, u64); WAITING],
     next: usize,
-    /// The frame that stored outputs last, and the one whose outputs acted last.
+    /// The last frame that stored outputs, and the frame whose outputs acted last.
     newest: Time<True>,
     acted: Time<True>,
     age: Statistics,
@@ -50,21 +50,21 @@ pub struct OutputsCycle {
 }
 
 impl OutputsCycle {
-    /// A `frame` stored outputs.
+    /// Takes a `frame` that stored outputs.
     pub fn stored(&mut self, frame: Time<True>) {
         self.newest = frame;
         self.stored[self.next] = (frame, self.pulses);
         self.next = (self.next + 1) % WAITING;
     }
 
-    /// A pulse at which outputs act.
+    /// Takes a pulse at which outputs act.
     pub fn pulse(&mut self, at: Time<True>) {
         self.pulses += 1;
         self.pulse = Some(at);
     }
 
-    /// Outputs that a `frame` brought act at `at`. Outputs that act again are judged by the first
-    /// time alone, and those that act first of all are not judged.
+    /// Takes outputs of a `frame` that act at `at`. Outputs that act repeatedly are judged only the
+    /// first time, and the very first outputs are not judged.
     pub fn acted(&mut self, frame: Time<True>, at: Time<True>, bound: Bound) {
         if frame == Time::ZERO || frame == self.acted {
             return;
@@ -72,7 +72,7 @@ impl OutputsCycle {
         let seen = self.acted != Time::ZERO;
         self.acted = frame;
         if !seen {
-            // The first that are seen may have acted before anybody looked.
+            // The first outputs may have acted before judging began.
             return;
         }
         let age = at - frame;
@@ -88,7 +88,7 @@ impl OutputsCycle {
         self.late.take(at, cycles, age);
     }
 
-    /// Cycles by which outputs that were stored since are newer.
+    /// Number of cycles by which the newest stored outputs are newer than these.
     fn newer(&self, frame: Time<True>, cycle: Nanos) -> i64 {
         let newer = (self.newest - frame).0;
         if newer <= 0 {
@@ -98,16 +98,16 @@ impl OutputsCycle {
         ((newer + cycle / 2) / cycle).max(1)
     }
 
-    /// Cycles of frames in which pulses passed these outputs by before they acted.
+    /// Number of frame cycles in which pulses came before these outputs acted.
     fn passed(&self, frame: Time<True>, pulse: Nanos, every: Nanos) -> i64 {
         let stored = self.stored.iter().find(|(stored, _)| *stored == frame);
         let Some((_, before)) = stored else { return 0 };
-        // One of them is the pulse at which they act.
+        // The last of these pulses is the one at which they act.
         let passed = self.pulses.saturating_sub(*before + 1) as i64;
         passed.saturating_mul(pulse.0) / pulse.0.max(every.0).max(1)
     }
 
-    /// From the first bit of the frame at the MainDevice to the first time that its outputs act.
+    /// Time from the first bit of the frame at the MainDevice to the first action of its outputs.
     pub fn age(&self) -> &Statistics {
         &self.age
     }
@@ -139,7 +139,7 @@ mod tests {
         let bound = Bound::Pulse(Opportunity::new(frames, pulse).unwrap());
         let mut judge = OutputsCycle::default();
         judge.pulse(at(1_650));
-        // Outputs of long ago, which may have acted before: they say nothing.
+        // Old outputs may have acted before, so they are not judged.
         judge.acted(at(10), at(680), bound);
         assert_eq!((late(&judge), judge.age().count()), ((0, 0), 0));
         judge.acted(at(1_000), at(1_680), bound);
@@ -147,7 +147,7 @@ mod tests {
         judge.pulse(at(3_650));
         judge.acted(at(2_000), at(3_680), bound);
         assert_eq!((late(&judge), judge.late().first()), ((1, 1), Some(at(3_680))));
-        // The same outputs act again where a frame was lost: that says nothing new of them.
+        // The same outputs act again after a lost frame, which is not judged again.
         judge.pulse(at(4_650));
         judge.acted(at(2_000), at(4_680), bound);
         assert_eq!((late(&judge), judge.age().count()), ((1, 1), 2));
@@ -181,7 +181,7 @@ mod tests {
         judge.stored(at(3_000));
         judge.acted(at(2_000), at(3_001), Bound::Sm2(CYCLE));
         assert_eq!(late(&judge), (1, 1));
-        // Free Run is bound to nothing, and an unknown origin says nothing.
+        // Free Run has no bound, and outputs of unknown origin are not judged.
         judge.acted(at(3_000), at(9_000), Bound::Free);
         judge.acted(Time::ZERO, at(9_000), Bound::Sm2(CYCLE));
         assert_eq!((late(&judge), judge.age().count()), ((1, 1), 3));

@@ -1,10 +1,10 @@
-//! Outputs follow SYNC0 after the same time in every cycle.
+//! Checks that outputs follow SYNC0 after the same time in every cycle.
 
 use isocat_wire::time::{Picos, Time, True};
 
 use crate::statistics::Statistics;
 
-/// Watches one SubDevice: from the acting pulse to valid outputs.
+/// Watches the time from the acting pulse to valid outputs of one SubDevice.
 #[derive(Clone, Debug, Default)]
 pub struct OutputsDelay {
     limit: Picos,
@@ -14,17 +14,17 @@ pub struct OutputsDelay {
 }
 
 impl OutputsDelay {
-    /// Expects no more spread than `limit`.
+    /// A judge that allows a spread of at most `limit`.
     pub fn new(limit: Picos) -> Self {
         Self { limit, ..Self::default() }
     }
 
-    /// SYNC0 acts.
+    /// Takes an acting SYNC0.
     pub fn sync0(&mut self, at: Time<True>) {
         self.sync0 = Some(at);
     }
 
-    /// Outputs have become valid.
+    /// Takes the instant at which outputs became valid.
     pub fn valid(&mut self, at: Time<True>) {
         let Some(sync0) = self.sync0.take() else { return };
         self.delay.push((at - sync0).0);
@@ -33,12 +33,12 @@ impl OutputsDelay {
         }
     }
 
-    /// From SYNC0 to valid outputs.
+    /// Time from SYNC0 to valid outputs.
     pub fn delay(&self) -> &Statistics {
         &self.delay
     }
 
-    /// Longest less shortest.
+    /// Longest less shortest time.
     pub fn spread(&self) -> Picos {
         Picos(self.delay.largest() - self.delay.least())
     }
@@ -48,7 +48,7 @@ impl OutputsDelay {
         self.limit
     }
 
-    /// When the spread first passed the limit.
+    /// When the spread first exceeded the limit.
     pub fn first_beyond(&self) -> Option<Time<True>> {
         self.first_beyond
     }

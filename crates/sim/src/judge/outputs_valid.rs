@@ -1,10 +1,10 @@
-//! Outputs of one cycle become valid together.
+//! Checks that outputs of one cycle become valid at the same time.
 
 use isocat_wire::time::{Picos, Time, True};
 
 use crate::statistics::Statistics;
 
-/// Cycles that may be open at a time: outputs become valid within a cycle of their SYNC0.
+/// Most open cycles at a time: outputs become valid within a cycle of their SYNC0.
 const OPEN: usize = 4;
 
 /// Watches when the outputs of each cycle become valid at the synchronized SubDevices.
@@ -29,7 +29,7 @@ impl OutputsValid {
         Self { devices, open: [Slot::default(); OPEN], spread: Statistics::default() }
     }
 
-    /// Outputs of cycle number `cycle` became valid at one of the SubDevices.
+    /// Takes outputs of cycle number `cycle` that became valid at one of the SubDevices.
     pub fn valid(&mut self, cycle: i64, at: Time<True>) {
         let slot = &mut self.open[cycle.rem_euclid(OPEN as i64) as usize];
         if slot.cycle != cycle || slot.count == 0 {
@@ -42,12 +42,12 @@ impl OutputsValid {
             let Picos(spread) = slot.last - slot.first;
             self.spread.push(spread);
             slot.count = 0;
-            // This cycle is complete: a further report of it would start a slot that never fills.
+            // This cycle is complete: a further report of it would open a slot that never fills.
             slot.cycle = i64::MIN;
         }
     }
 
-    /// From the first to the last SubDevice, over all cycles in which all of them took part.
+    /// Time from the first to the last SubDevice, over all cycles in which all of them took part.
     pub fn spread(&self) -> &Statistics {
         &self.spread
     }

@@ -1,9 +1,11 @@
-//! What late outputs do to the machine: it is held against one that gets the same commands on the grid.
+//! The effect of late outputs on a plant, compared with a plant that gets the same commands on the
+//! grid.
 //!
-//! The other machine is equal, begins in the same state, and its commands are those that were meant for each cycle. They act
-//! one constant time behind the instant at which the cycle's frame is to find the reference clock: the least that this SubDevice
-//! took in its first [`CALIBRATION`] cycles. So what is seen is lateness, and nothing that a punctual run has too. Both are
-//! looked at together, [`LOOKS`] times a cycle.
+//! The ideal plant is equal and starts in the same state, and its commands are those intended for
+//! each cycle. They act a constant time after the instant at which the cycle's frame should find
+//! the reference clock. This time is the shortest that the SubDevice took in its first
+//! [`CALIBRATION`] cycles. So the difference shows lateness only, and nothing that also occurs with
+//! punctual outputs. Both plants are sampled at the same instants, [`LOOKS`] times in a cycle.
 
 use std::collections::VecDeque;
 
@@ -11,9 +13,9 @@ use isocat_wire::time::{Picos, Time, True};
 
 use crate::plant::{Acted, Motion, PlantSetup, State};
 
-/// Cycles in which the least time from frame to acting outputs is found.
+/// Number of cycles in which the shortest time from frame to acting outputs is found.
 pub const CALIBRATION: usize = 32;
-/// How often both machines are looked at in a cycle.
+/// Number of samples of both plants in a cycle.
 pub const LOOKS: i64 = 8;
 
 /// Watches one plant.
@@ -21,14 +23,14 @@ pub const LOOKS: i64 = 8;
 pub struct PlantJudge {
     setup: PlantSetup,
     bus_cycle: Picos,
-    /// The machine as it is, since what acted last; and what acts then.
+    /// The real plant since the last action, and its next actions.
     real: Motion,
     acted: VecDeque<Acted>,
-    /// When the last cycles were to find the reference clock.
+    /// When the frames of the last cycles should find the reference clock.
     cycles: VecDeque<Time<True>>,
-    /// Least time from there to acting outputs, and how many were seen.
+    /// Shortest time from there to acting outputs, and the number of samples.
     delay: (Picos, usize),
-    /// The machine that gets its commands on the grid, once there are any; and what acts on it then.
+    /// The plant with commands on the grid, once there are any, and its next commands.
     ideal: Option<Motion>,
     meant: VecDeque<(Time<True>, i64)>,
     /// The command in force on the grid.
@@ -36,42 +38,43 @@ pub struct PlantJudge {
     figures: Figures,
 }
 
-/// What was seen of one plant. Distances are of the load, in um.
+/// The figures of one plant. Distances are those of the load, in um.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Figures {
-    /// How often both machines were looked at; 0: they never were.
+    /// Number of samples of both plants; 0: none.
     pub looks: u64,
-    /// From where the load would be on the grid to where it is.
+    /// Distance of the load from its place on the ideal plant.
     pub deviation: Spread,
-    /// When it was farthest.
+    /// When it was largest.
     pub worst_at: Time<True>,
-    /// From the command in force on the grid to where the load is; zero where commands are torques.
+    /// Distance of the load from the command in force on the grid; zero if commands are torques.
     pub following: Spread,
-    /// The same of the machine on the grid.
+    /// The same for the ideal plant.
     pub ideal_following: Spread,
     /// Torque in the coupling, Nm.
     pub coupling: Spread,
-    /// The same of the machine on the grid.
+    /// The same for the ideal plant.
     pub ideal_coupling: Spread,
-    /// The difference of both: the ripple that lateness makes.
+    /// The difference of both: the ripple that lateness causes.
     pub ripple: Spread,
 }
 
-/// Size of a figure that changes.
+/// Size of a figure over time.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Spread {
-    /// The largest, without its sign.
+    /// The largest absolute value.
     pub largest: f64,
     squares: f64,
     count: u64,
 }
 
 impl Spread {
-    /// Takes a value; whether it is the largest so far.
+    /// Takes a value; returns whether it is the largest so far.
     pub fn push(&mut self, value: f64) -> bool {
         self.squares += value * value;
         self.count += 1;
-        // The first one is, and what is no number any more: the loop is not stable.
+        // The first value is the largest so far. A NaN also counts as the largest: the loop is
+        // unstable.
         let is_largest = self.count == 1 || value.is_nan() || value.abs() > self.largest;
         if is_largest {
             self.largest = value.abs();
@@ -84,14 +87,14 @@ impl Spread {
         (self.squares / self.count.max(1) as f64).sqrt()
     }
 
-    /// How many values there were.
+    /// Number of values.
     pub fn count(&self) -> u64 {
         self.count
     }
 }
 
 impl PlantJudge {
-    /// Nothing was seen of this plant, in a segment with this bus cycle.
+    /// A judge without samples of this plant, in a segment with this bus cycle.
     pub fn new(setup: PlantSetup, bus_cycle: Picos) -> Self {
         Self {
             setup,
@@ -107,28 +110,29 @@ impl PlantJudge {
         }
     }
 
-    /// What it is about.
+    /// The plant that it watches.
     pub fn setup(&self) -> &PlantSetup {
         &self.setup
     }
 
-    /// What was seen.
+    /// The figures so far.
     pub fn figures(&self) -> &Figures {
         &self.figures
     }
 
-    /// The constant time from the grid to acting outputs; `None` before it is known.
+    /// The constant time from the grid to acting outputs; `None` before it is measured.
     pub fn delay(&self) -> Option<Picos> {
         Some(self.delay.0).filter(|_| self.delay.1 >= CALIBRATION)
     }
 
-    /// Outputs acted at the SubDevice. Gives up to when it is known what acted.
+    /// Takes an action of outputs at the SubDevice. Returns the time up to which actions are known.
     pub fn acts(&mut self, acted: Acted) -> Time<True> {
         self.acted.push_back(acted);
         acted.motion.at
     }
 
-    /// A cycle whose frame is to find the reference clock at `at`, with the command that is meant for it; `None` if none is.
+    /// Takes a cycle whose frame should find the reference clock at `at`, with its intended
+    /// command, if any.
     pub fn cycle(&mut self, at: Time<True>, command: Option<i64>) {
         if self.cycles.len() == KEPT {
             self.cycles.pop_front();
@@ -139,7 +143,8 @@ impl PlantJudge {
         }
     }
 
-    /// Both machines move on to `at`, and are looked at. Gives the deviation, um; `None` before there are both.
+    /// Moves both plants to `at` and compares them. Returns the deviation, um; `None` before there
+    /// are both.
     pub fn look(&mut self, at: Time<True>) -> Option<f64> {
         loop {
             let acts = self.acted.front().map_or(Time::NEVER, |acted| acted.motion.at);
@@ -170,7 +175,8 @@ impl PlantJudge {
         if seen >= CALIBRATION || acted.frame == Time::ZERO {
             return;
         }
-        // The frame is that of the nearest cycle; one that came before the first that is known has none.
+        // The frame belongs to the nearest cycle; a frame before the first known cycle belongs to
+        // none.
         let is_of = |cycle: &&Time<True>| (acted.frame - **cycle).0.abs() < self.bus_cycle.0 / 2;
         if let Some(cycle) = self.cycles.iter().find(is_of) {
             self.delay = (least.min(acted.motion.at - *cycle), seen + 1);
@@ -197,5 +203,5 @@ impl PlantJudge {
     }
 }
 
-/// Cycles that a frame may belong to.
+/// Number of cycles that a frame may belong to.
 const KEPT: usize = 8;

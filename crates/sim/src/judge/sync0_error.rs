@@ -1,4 +1,4 @@
-//! SYNC0 edges lie on the grid that was asked for.
+//! Checks that SYNC0 edges are on the configured grid.
 
 use isocat_wire::time::{Picos, Time, True};
 
@@ -7,26 +7,26 @@ use crate::statistics::Statistics;
 
 /// Watches the SYNC0 edges of one SubDevice against the ideal grid of the reference clock.
 ///
-/// Too good is also wrong: [`Sync0Error::is_plausible`] refuses a series of edges without any spread
-/// at a SubDevice whose oscillator differs from the reference clock's and is steered after it.
+/// Edges without any spread are also wrong: [`Sync0Error::is_plausible`] rejects them at a
+/// SubDevice whose oscillator differs from the reference clock's and is controlled by it.
 #[derive(Clone, Debug)]
 pub struct Sync0Error {
     grid: Grid,
     limit: Picos,
     statistics: Statistics,
-    /// The last edge, and how far it was off.
+    /// The last edge, and its error.
     last: Option<(Time<True>, Picos)>,
     first_beyond: Option<(Time<True>, Picos)>,
 }
 
 impl Sync0Error {
-    /// Expects edges on `grid`, none further off than `limit`.
+    /// A judge that expects edges on `grid` with an error of at most `limit`.
     pub fn new(grid: Grid, limit: Picos) -> Self {
         Self { grid, limit, statistics: Statistics::default(), last: None, first_beyond: None }
     }
 
-    /// An edge at true time `at`, when the reference clock stood at `reference_ps` of system time; gives how far it was off
-    /// the grid.
+    /// Takes an edge at true time `at`, when the system time of the reference clock was
+    /// `reference_ps`; returns its error.
     pub fn edge(&mut self, at: Time<True>, reference_ps: i128) -> Picos {
         let error = self.follow(at, self.grid.error(reference_ps));
         self.statistics.push(error.0);
@@ -36,8 +36,9 @@ impl Sync0Error {
         error
     }
 
-    /// The error in the neighbourhood of the last one: a clock that runs away leaves its cycle, and its
-    /// error goes on growing. Behind a pause SYNC0 was started anew, and lies where it was started.
+    /// Continues the error from the last one: a clock that drifts away leaves its cycle, and its
+    /// error continues to increase. After a pause SYNC0 was started again, so its error does not
+    /// continue the last one.
     fn follow(&mut self, at: Time<True>, error: Picos) -> Picos {
         let cycle = Picos::from(self.grid.cycle).0;
         let last = self.last.filter(|(last, _)| (at - *last).0 <= PAUSE * cycle);
@@ -63,22 +64,23 @@ impl Sync0Error {
         self.limit
     }
 
-    /// The first edge beyond the limit: when, and by how much it was off.
+    /// When the first edge beyond the limit came, and its error.
     pub fn first_beyond(&self) -> Option<(Time<True>, Picos)> {
         self.first_beyond
     }
 
-    /// Whether the edges spread as edges of a real clock do: their generator's grid is 10 ns, so a
-    /// clock that is steered to another one cannot hit the same picosecond each time. Two clocks that the loop holds
-    /// together to a part in a million need some thousand edges to move by a step of that grid.
+    /// Whether the edges have the spread of a real clock: they are generated on a grid of 10 ns, so
+    /// a clock that is controlled by another one cannot hit the same picosecond each time. Two
+    /// clocks that the loop holds together to a part in a million need some thousand edges to move
+    /// by a step of that grid.
     pub fn is_plausible(&self) -> bool {
         self.statistics.count() < ENOUGH || self.statistics.least() != self.statistics.largest()
     }
 }
 
-/// Cycles without an edge that are no pause yet.
+/// Number of cycles without an edge that do not count as a pause.
 const PAUSE: i64 = 3;
-/// Edges below which no spread says nothing.
+/// Number of edges below which a missing spread tells nothing.
 const ENOUGH: u64 = 10_000;
 
 #[cfg(test)]

@@ -1,19 +1,19 @@
-//! Outputs are ready before SYNC0 acts on them.
+//! Checks that outputs are ready before SYNC0 acts on them.
 
 use isocat_wire::time::{Device, Nanos, Time};
 
 use crate::statistics::Statistics;
 
-/// Watches one SubDevice: from the SM2 event to the next SYNC0, and from the end of copying to the
-/// pulse at which the outputs act, SYNC0 or SYNC1. All spans are counted by the SubDevice's own
-/// oscillator, as its times in 0x1C32 are.
+/// Watches one SubDevice: the time from the SM2 event to the next SYNC0, and from the end of
+/// copying to the pulse at which the outputs act, SYNC0 or SYNC1. All times are counted by the
+/// SubDevice's own oscillator, like its times in 0x1C32.
 #[derive(Clone, Debug, Default)]
 pub struct SyncMargin {
     sm2: Option<Time<Device>>,
     /// An SM2 event that no SYNC0 has followed yet.
     stored: Option<Time<Device>>,
     ready: Option<Time<Device>>,
-    /// Copying is under way.
+    /// Whether copying is in progress.
     copying: bool,
     /// An acting pulse that came after outputs were stored and before they were ready.
     overtaken: Option<Time<Device>>,
@@ -23,22 +23,23 @@ pub struct SyncMargin {
 }
 
 impl SyncMargin {
-    /// Outputs were stored.
+    /// Takes the instant at which outputs were stored.
     pub fn sm2(&mut self, at: Time<Device>) {
         self.sm2 = Some(at);
         self.stored = Some(at);
-        // Outputs that nobody began to copy were missed: what is ready next is not late for that pulse.
+        // Outputs that were not copied were missed, so the next ready outputs are not late for that
+        // pulse.
         if !self.copying {
             self.overtaken = None;
         }
     }
 
-    /// Copying of outputs began.
+    /// Takes the start of copying.
     pub fn begins(&mut self) {
         self.copying = true;
     }
 
-    /// Outputs are copied and calculated; gives the margin if the acting pulse came first.
+    /// Takes the end of copying and calculation; returns the margin if the acting pulse came first.
     pub fn ready(&mut self, at: Time<Device>) -> Option<Nanos> {
         self.copying = false;
         let Some(pulse) = self.overtaken.take() else {
@@ -48,14 +49,14 @@ impl SyncMargin {
         Some(self.left(pulse - at))
     }
 
-    /// SYNC0 came. Where it is the acting pulse, [`acts`](Self::acts) follows.
+    /// Takes a SYNC0. If it is the acting pulse, [`acts`](Self::acts) follows.
     pub fn sync0(&mut self, at: Time<Device>) {
         if let Some(sm2) = self.stored.take() {
             self.distance.push((at - sm2).0 * 1000);
         }
     }
 
-    /// The pulse came at which outputs act; gives the margin if the outputs are ready.
+    /// Takes the pulse at which outputs act; returns the margin if the outputs are ready.
     pub fn acts(&mut self, at: Time<Device>) -> Option<Nanos> {
         let sm2 = self.sm2.take();
         let Some(ready) = self.ready.take() else {
@@ -71,16 +72,16 @@ impl SyncMargin {
         margin
     }
 
-    /// From SM2 to the next SYNC0.
+    /// Time from SM2 to the next SYNC0.
     pub fn distance(&self) -> &Statistics {
         &self.distance
     }
-    /// From the end of calc and copy to the acting pulse: the slack that was left; negative where
-    /// the pulse came first. A pulse without any SM2 event is in [`SyncMargin::unready`] only.
+    /// Time from the end of calc and copy to the acting pulse; negative if the pulse came first. A
+    /// pulse without any SM2 event is only counted in [`SyncMargin::unready`].
     pub fn margin(&self) -> &Statistics {
         &self.margin
     }
-    /// Acting pulses that found no outputs ready.
+    /// Number of acting pulses without ready outputs.
     pub fn unready(&self) -> u64 {
         self.unready
     }
@@ -96,7 +97,7 @@ mod tests {
         judge.acts(Time::new(at));
     }
 
-    /// SYNC0 fetches, SYNC1 acts: the distance ends at the first, the margin at the second.
+    /// SYNC0 fetches and SYNC1 acts: the distance ends at SYNC0, the margin at SYNC1.
     #[test]
     fn the_distance_to_sync0_is_not_the_one_to_sync1() {
         let mut judge = SyncMargin::default();
@@ -104,7 +105,7 @@ mod tests {
         judge.sync0(Time::new(300));
         judge.ready(Time::new(350));
         judge.acts(Time::new(400));
-        // With subordinated cycles several SYNC0 follow an SM2 event: the first counts.
+        // With subordinated cycles several SYNC0 follow an SM2 event, and the first counts.
         judge.sync0(Time::new(500));
         assert_eq!((judge.distance().count(), judge.distance().least()), (1, 200_000));
         assert_eq!((judge.margin().count(), judge.margin().least()), (1, 50_000));
@@ -121,8 +122,8 @@ mod tests {
         assert_eq!((judge.margin().count(), judge.unready()), (1, 2));
     }
 
-    /// Outputs that are never copied leave the margins of those after them alone; copying that takes longer than to the next
-    /// SM2 event does not.
+    /// Outputs that are never copied do not affect the margins of later ones; copying that takes
+    /// longer than to the next SM2 event does.
     #[test]
     fn a_missed_copy_is_not_a_late_one() {
         let mut judge = SyncMargin::default();

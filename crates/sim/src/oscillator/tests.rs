@@ -36,7 +36,7 @@ fn the_inverse_is_the_first_instant() {
 }
 
 proptest! {
-    /// The multiplication in the place of the division is exact, up to both sides of where it ends.
+    /// The multiplication that replaces the division is exact, on both sides of its limit.
     #[test]
     fn the_inverse_is_that_of_a_division(
         ppb in -MOST_DEVIATION_PPB..=MOST_DEVIATION_PPB,
@@ -49,7 +49,7 @@ proptest! {
     }
 }
 
-/// 10 ppm more from 2 s on: at 5 s it is 30 us ahead, one piece further back nothing.
+/// 10 ppm more from 2 s on: at 5 s it is 30 us ahead, and before 2 s it has gained nothing.
 #[test]
 fn a_step_gains_from_its_instant_on() {
     let step = Step { by_ppb: 10_000, at: Nanos::millis(2_000) };
@@ -65,14 +65,15 @@ fn a_step_gains_from_its_instant_on() {
     assert_eq!(at, 2 * SECOND + 99_999_001);
 }
 
-/// 6.4 ppm in 10 s from 1 s on: half of it on average while it lasts, all of it from then on.
+/// 6.4 ppm in 10 s from 1 s on: half of it on average during the ramp, all of it afterwards.
 #[test]
 fn a_ramp_grows_evenly_and_stays() {
     let ramp = Ramp { by_ppb: 6_400, from: Nanos::millis(1_000), over: Nanos::millis(10_000) };
     let oscillator = of(ClockModel { ramp: Some(ramp), ..ClockModel::default() });
     let gained = |at| read(&oscillator, at) as i64 - read(&Oscillator::new(0), at) as i64;
     assert_eq!(gained(SECOND), 0);
-    // Even ramp: by t / over x t / 2. Stairs around it: off by by x over / (8 x 64²) at most.
+    // The even ramp gains by × t / over × t / 2. The steps around it deviate by at most by × over /
+    // (8 × 64²).
     for tenth in 1..=10 {
         let even = 6_400 * tenth * tenth / 20;
         let stairs = gained(SECOND + tenth as u64 * SECOND);
@@ -91,7 +92,7 @@ fn a_walk_wanders_within_its_bound_and_comes_back() {
     assert!(table.rates.iter().any(|rate| rate.abs() > bound / 2), "it really wanders");
     let step = rate_offset(50);
     assert!(table.rates.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= step + 1));
-    // There and back: the same piece at the same distance from the turn.
+    // The same piece comes at the same distance before and after the turn.
     let turn = WALK_PIECES as u64;
     for distance in 0..turn {
         assert_eq!(table.interval(turn + distance).0, table.interval(turn - 1 - distance).0);
@@ -133,7 +134,7 @@ fn of_option<T: std::fmt::Debug + Clone>(
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..Default::default() })]
 
-    /// It never goes back, and is never further off than its model says.
+    /// The count never decreases, and never deviates by more than its model says.
     #[test]
     fn it_is_monotone_and_within_its_model(model in model(), at in 0..40 * SECOND, span in 0..SECOND) {
         let oscillator = of(model);
@@ -145,7 +146,7 @@ proptest! {
         prop_assert!((slow.saturating_sub(1)..=fast + 1).contains(&(to - from)), "{slow} {} {fast}", to - from);
     }
 
-    /// `when` is the first instant: there the reading is reached, one picosecond before it is not.
+    /// `when` is the first instant: the reading is reached there, and not one picosecond earlier.
     #[test]
     fn the_inverse_of_any_model_is_the_first_instant(model in model(), reading in 1..40_000_000_000u64) {
         let oscillator = of(model);
@@ -154,7 +155,7 @@ proptest! {
         prop_assert_eq!(read(&oscillator, at - 1), reading - 1);
     }
 
-    /// The count is the exact sum of its pieces, whatever way it is computed: adding up rate times time
+    /// The count is the exact sum of its pieces, however it is computed: adding up rate times time
     /// over random cuts gives the same 2⁻⁶⁴ ns.
     #[test]
     fn sums_do_not_drift(model in model(), cuts in proptest::collection::vec(0..40 * SECOND, 1..20)) {
@@ -164,7 +165,7 @@ proptest! {
         let end = 40 * SECOND;
         borders.extend(&cuts);
         if let Some(walk) = &shape.walk {
-            // All borders of a short walk would be too many: as many as go around the turn twice.
+            // All borders of a short walk would be too many, so only those of two turns are used.
             let some = (0..5 * WALK_PIECES as u64).map(|number| number * walk.every);
             borders.extend(some.filter(|at| *at < end));
         }

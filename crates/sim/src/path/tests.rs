@@ -11,7 +11,7 @@ const STAY: Stay = Stay {
     hop_jitter: false,
 };
 
-/// Cables by their ends and metres. A port with a cable is open, unless it is in `closed`.
+/// Cables by their ends and metres. A port with a cable is open unless it is in `closed`.
 fn path(
     devices: usize,
     cables: &[(End, End, u64)],
@@ -43,7 +43,8 @@ fn after(arrivals: &[Arrival]) -> Vec<(usize, PortNumber, i64)> {
     arrivals.iter().map(|a| (a.device, a.port, a.after.0 / 1000)).collect()
 }
 
-/// All of 0 → EPU → 3 → 1 → 2 → 0, from each port, with all ports open, with one closed, with one open.
+/// The whole order 0 → EPU → 3 → 1 → 2 → 0, from each port, with all ports open, with one closed,
+/// with one open.
 #[test]
 fn the_way_round_the_ports() {
     let turn = |open: &[PortNumber], from| {
@@ -94,7 +95,7 @@ fn a_fork_is_walked_in_port_order_not_in_list_order() {
     assert_eq!(path.round_trip, Picos(1_800_000));
 }
 
-/// The cable from above is plugged into port 1 of the middle one: it processes the frame only when it
+/// The cable from above is in port 1 of the middle SubDevice: it processes the frame only when it
 /// comes back from below, at port 0.
 #[test]
 fn swapped_cables_are_passed_in_reverse() {
@@ -107,7 +108,7 @@ fn swapped_cables_are_passed_in_reverse() {
     assert_eq!((path.round_trip, path.processed_first), (Picos(1_300_000), false));
 }
 
-/// The last one of a line is swapped: its closed port 0 turns the frame into the EPU.
+/// The last SubDevice of a line is swapped: its closed port 0 sends the frame into the EPU.
 #[test]
 fn a_swapped_end_processes_at_its_closed_port_0() {
     let cables = [(MAIN, port(0, P0), 0), (port(0, P1), port(1, P1), 0)];
@@ -131,7 +132,7 @@ fn a_ring_is_processed_from_one_end_only() {
     assert_eq!(after(&secondary.entries), []);
     assert_eq!(after(&secondary.returns), [(1, P1, 0), (0, P1, 200)]);
     assert_eq!((secondary.end, secondary.processed_first), (Some(Primary), false));
-    // Cut in the middle, each end has its half.
+    // Cut in the middle: each end has its half.
     let cut = [(0, P1), (1, P0)];
     let primary = path(2, &ring, &cut, Primary);
     assert_eq!((after(&primary.entries), primary.end), (vec![(0, P0, 0)], Some(Primary)));
@@ -143,16 +144,16 @@ fn a_ring_is_processed_from_one_end_only() {
 fn ways_that_do_not_come_back() {
     let nowhere = path(0, &[], &[], Primary);
     assert_eq!((nowhere.end, nowhere.round_trip), (None, Picos::ZERO));
-    // Port 0 does not take the frame: closed, though another port is open.
+    // Port 0 does not accept the frame: it is closed although another port is open.
     let cables = [(MAIN, port(0, P0), 0), (port(0, P1), port(1, P0), 0)];
     let refused = path(2, &cables, &[(0, P0)], Primary);
     assert_eq!((refused.end, refused.entries.len()), (None, 0));
-    // A port opened by force without a cable sends into nothing.
+    // A port that is forced open without a cable has no receiver.
     let mut wiring = Wiring::new(vec![STAY]);
     wiring.connect(MAIN, port(0, P0), Cable::of_length(0)).unwrap();
     let lost = Path::new(&wiring, |_| Loops::open(&[P0, P1]), Primary);
     assert_eq!((lost.end, lost.entries.len()), (None, 1));
-    // Two SubDevices whose ports 1 and 2 are cross-connected in a circle still let the frame out again:
+    // Two SubDevices whose ports 1 and 2 are cross-connected in a circle still return the frame:
     // every way in has one way out.
     let circle =
         [(MAIN, port(0, P0), 0), (port(0, P1), port(1, P1), 0), (port(0, P2), port(1, P2), 0)];

@@ -1,10 +1,10 @@
-//! The laws of the drift loop against what is public of real chips.
+//! Compares the laws of the drift loop with published data of real chips.
 
 use isocat_esc::{DriftLaw, ET1100};
 
 use crate::pair::Pair;
 
-/// A captured pair of ET1100: what 0x092C of the second showed after its 101st FRMW, ns, and how
+/// A captured pair of ET1100. Returns 0x092C of the second one after its 101st FRMW, ns, and how
 /// much the local times drifted apart from the first latch to one 12.233 s later, ns, if the
 /// crystals are `ppb` apart.
 ///
@@ -36,8 +36,8 @@ fn captured_pair(law: DriftLaw, ppb: i64) -> (i64, i64) {
     (shown, (pair.difference() - before) / 1_000)
 }
 
-/// The crystals at which a law makes the captured 253 ns of the 101st FRMW, ppb, and the growth of
-/// the local times then.
+/// The difference of the crystals at which a law gives the captured 253 ns of the 101st FRMW, ppb,
+/// and the growth of the local times then.
 fn fit(law: DriftLaw) -> (i64, i64) {
     let (mut low, mut high) = (-30_000, 30_000);
     while high - low > 1 {
@@ -50,9 +50,8 @@ fn fit(law: DriftLaw) -> (i64, i64) {
     (high, captured_pair(law, high).1)
 }
 
-/// Seen: 253 ns ahead, and 16 523 ns of growth. 10 ns at the 101st FRMW, prolonged over 12 s, make
-/// +-320 ns, so twice that is what a law may miss it by; the crystals then are 1.35 to 1.5 ppm
-/// apart.
+/// Captured: 253 ns ahead, and 16 523 ns of growth. 10 ns at the 101st FRMW become ±320 ns over 12
+/// s, so a law may deviate by twice that; the crystals are then 1.35 to 1.5 ppm apart.
 #[test]
 fn admissible_laws_agree_with_a_captured_pair() {
     for law in [
@@ -67,15 +66,15 @@ fn admissible_laws_agree_with_a_captured_pair() {
     }
 }
 
-/// The law that locks in no time would have needed crystals 10 ppm apart the other way, and misses
-/// the growth by far.
+/// The law that locks at once would need crystals 10 ppm apart in the other direction, and its
+/// growth is far off.
 #[test]
 fn the_proportional_law_contradicts_the_captured_pair() {
     let (ppb, growth) = fit(DriftLaw::PROPORTIONAL);
     assert!(ppb < -5_000 && (growth - 16_523).abs() > 15_000, "{ppb} ppb, {growth} ns");
 }
 
-/// "Behind", as newer register texts have the sign of 0x092C, agrees with no law: two latches
+/// "Behind", the sign of 0x092C in newer register documentations, agrees with no law: two latches
 /// exclude it.
 #[test]
 fn the_captured_pair_is_ahead() {

@@ -1,8 +1,8 @@
-//! How fast the laws of the drift loop lock, and how well, as golden files; `UPDATE_GOLDEN=1`
-//! writes them anew.
+//! How fast and how well the laws of the drift loop lock, as golden files; `UPDATE_GOLDEN=1` writes
+//! them again.
 //!
-//! The published part has limits of its own here: the deviation of register 0x0932, the largest speed,
-//! the resolution.
+//! The published part has separate limits here: the deviation of register 0x0932, the largest
+//! speed, the resolution.
 
 use std::fmt::Write;
 
@@ -25,9 +25,9 @@ struct Line {
     start: u16,
     depths: (u8, u8),
     ppm: i64,
-    /// True time between two FRMW, ns.
+    /// True time from one FRMW to the next, ns.
     interval: u64,
-    /// FRMW after which the difference is below each of the limits for good.
+    /// Number of FRMW after which the difference stays below each of the limits.
     counts: [u64; 3],
     /// Largest difference in the last fortieth, ps.
     rest: i64,
@@ -35,7 +35,8 @@ struct Line {
     speed: i16,
 }
 
-/// Both oscillators, ppb: the follower's is off by `ppm` from the reference's, which is not true either.
+/// Deviations of both oscillators, ppb: the follower's differs by `ppm` from the reference's, which
+/// is not exact either.
 fn clocks(ppm: i64) -> (i64, i64) {
     (1_000 * REFERENCE_PPM, 1_000 * (REFERENCE_PPM + ppm))
 }
@@ -46,12 +47,12 @@ fn deviation(start: u16, difference: i16) -> i64 {
     1_000_000_000_000 * d / (5 * (s + d) * (s - d))
 }
 
-/// Runs `frames` FRMW from the present difference on.
+/// Sends `frames` FRMW, starting with the present difference.
 fn lock(pair: &mut Pair, interval: u64, frames: u64) -> ([u64; 3], i64) {
     let (mut counts, mut rest) = ([0; 3], 0);
     let (mut difference, mut look) = (0, 1);
     for frame in 1..=frames {
-        // Far away it suffices to look now and then.
+        // With a large difference it suffices to check from time to time.
         if frame >= look {
             difference = pair.difference().abs();
             look = frame + if difference > 100 * LIMITS[0] { 64 } else { 1 };
@@ -70,7 +71,7 @@ fn lock(pair: &mut Pair, interval: u64, frames: u64) -> ([u64; 3], i64) {
 }
 
 impl Line {
-    /// With the offset register set, and what the clocks drift apart in 50 ms left over: 5 us.
+    /// The offset register is set, and the drift of the clocks in 50 ms remains: 5 us.
     fn new(law: DriftLaw, start: u16, depths: (u8, u8), ppm: i64, interval: u64) -> Self {
         let mut pair = Pair::new(&LAN9252, clocks(ppm), OFFSET, 100).with_law(law);
         pair.set_offset();
@@ -105,8 +106,8 @@ impl Line {
         .expect("a string takes it");
     }
 
-    /// A clock that has locked runs as fast as the reference, within what a unit of the register
-    /// and a rest of the phase are worth, and not without any residual.
+    /// Checks that a locked clock runs as fast as the reference, within a unit of the register and
+    /// a remaining phase error, but not without any residual.
     fn check(&self) {
         let Self { law, start, ppm, counts, rest, speed, .. } = *self;
         let name =
@@ -123,7 +124,7 @@ impl Line {
     }
 }
 
-/// FRMW of a line of the table.
+/// Number of FRMW of a line of the table.
 const FRAMES: u64 = 60_000;
 
 fn golden(path: &str, table: &str) {
@@ -163,14 +164,14 @@ fn the_table_of_locking() {
     for line in &lines {
         line.check();
         let settled = line.counts[1] < FRAMES - 100;
-        // Without a filter of the speed the law that contradicts the data sheet never settles.
+        // Without a speed filter the law that contradicts the data sheet never settles.
         let swings = line.law == DriftLaw::PROPORTIONAL && line.depths == (4, 0);
         assert_eq!(settled, !swings, "{}, {:?}", line.law, line.depths);
     }
 }
 
-/// The largest difference in the last fifth of 30 000 FRMW over both depths and the interval,
-/// crystals 30 ppm apart: no depth makes an admissible law unstable, and none makes it exact.
+/// The largest difference in the last fifth of 30 000 FRMW, by both depths and the interval, with
+/// crystals 30 ppm apart. No depth makes an admissible law unstable, and none makes it exact.
 #[test]
 fn the_table_of_depths() {
     const TIME: [u8; 4] = [0, 4, 8, 10];
@@ -203,8 +204,8 @@ fn the_table_of_depths() {
                     .expect("a string takes it");
                 for (speed, worst) in SPEED.iter().zip(row) {
                     write!(table, " {worst:>5}").expect("a string takes it");
-                    // Depth 12 is not unstable but unfinished, and so is a block that has hardly
-                    // begun.
+                    // Depth 12 is not unstable but has not settled, and neither has a block that
+                    // has hardly begun.
                     let most = if *speed >= 10 || (*time >= 8 && *speed >= 6) { 2_500 } else { 80 };
                     assert!(
                         (1..=most).contains(&worst),
@@ -218,7 +219,7 @@ fn the_table_of_depths() {
     golden(DEPTHS, &table);
 }
 
-/// A smaller 0x0930 locks no slower, from the same difference.
+/// A smaller 0x0930 does not lock more slowly, from the same difference.
 #[test]
 fn a_larger_speed_counter_start_is_slower() {
     let counts = [0x0100, 0x1000, 0x3000]
@@ -226,21 +227,21 @@ fn a_larger_speed_counter_start_is_slower() {
     assert!(counts.is_sorted() && counts[0] * 4 < counts[1], "{counts:?}");
 }
 
-/// A pair 1 s apart whose offset register knows nothing of it.
+/// A pair 1 s apart, which the offset register does not correct.
 fn uncorrected(law: DriftLaw, start: u16, ppm: i64) -> Pair {
     let mut pair = Pair::new(&LAN9252, clocks(ppm), 0, 100).with_law(law);
     pair.set_offset();
     let offset = pair.read(1, register::SYSTEM_TIME_OFFSET);
     let delay = pair.read(1, register::SYSTEM_TIME_DELAY);
-    // Ahead where the clock is fast, so that the drift adds to it.
+    // It is ahead if the clock is fast, so that the drift adds to it.
     let second = if ppm > 0 { 1_000_000_000 } else { -1_000_000_000i64 };
     pair.write_offset(offset.wrapping_add_signed(second), delay);
     pair.set_loop(start, (0, 12));
     pair
 }
 
-/// Far off, the clock goes at the largest speed that register 0x0932 can hold, and no faster, if
-/// the law has all of it in the speed.
+/// With a large difference, the clock runs at the largest speed that register 0x0932 can hold, and
+/// no faster, if the law has all of the correction in the speed.
 #[test]
 fn far_off_the_largest_speed_is_the_published_one() {
     for start in [0x0100u16, 0x1000, 0x3000] {
@@ -258,7 +259,7 @@ fn far_off_the_largest_speed_is_the_published_one() {
                 pair.distribute(100_000);
             }
             let (moved, true_time) = (pair.difference() - before, (pair.now - from).0);
-            // Both speeds together, in 10^-12; the product of the two is 80 ppb at most.
+            // The sum of both speeds, in 10^-12; their product is 80 ppb at most.
             let expected = deviation(start, full) + 1_000_000 * ppm;
             let found = (i128::from(moved) * 1_000_000_000_000 / i128::from(true_time)) as i64;
             assert!((found - expected).abs() < 300_000, "{start:#06x}: {found}, not {expected}");
@@ -266,8 +267,8 @@ fn far_off_the_largest_speed_is_the_published_one() {
     }
 }
 
-/// Far off, the admissible laws bring back 100 ns with each received time, whatever the interval:
-/// large offsets are extremely slow.
+/// With a large difference, the admissible laws correct 100 ns with each received time, at any
+/// interval: large offsets are corrected extremely slowly.
 #[test]
 fn far_off_each_received_time_is_worth_a_step() {
     for law in [DriftLaw::HOLD, DriftLaw::BLOCK] {

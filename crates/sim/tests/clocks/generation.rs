@@ -2,8 +2,9 @@
 //! reference's system time is start + k T0.
 //!
 //! An edge's error has two parts. *Generation jitter*: an edge comes at the first tick at which the
-//! follower's own system time has reached the target, 0 to 10 ns beyond it. *Loop residual*: how far
-//! that system time is from the reference's. They are measured apart, and the error is their difference.
+//! follower's own system time has reached the target, 0 to 10 ns after it. *Loop residual*: the
+//! difference of that system time from the reference's. They are measured separately, and the error
+//! is their difference.
 
 use isocat_esc::{Chip, EscEvent, IP_CORE_32, LAN9252};
 use isocat_wire::dc::{ActivationStatus, AssignActivate, SyncActivation};
@@ -13,7 +14,7 @@ use crate::pair::{EPOCH, Edge, Pair};
 
 /// SYNC0 cycle, ns.
 const T0: u64 = 1_000_000;
-/// The follower is 87 ppm faster than the reference, and neither of them is true.
+/// The follower is 87 ppm faster than the reference, and neither of them is exact.
 const PPB: (i64, i64) = (-13_000, 73_999);
 /// Largest loop residual after the start-up, ps.
 const RESIDUAL: i64 = 12_000;
@@ -22,7 +23,7 @@ const D1: [u64; 5] = [0, 1, 4, 5, 8];
 /// Ticks of a pulse: 100 us; and acknowledge mode.
 const PULSES: [u16; 2] = [10_000, 0];
 
-/// A pair whose follower is locked, as after a MainDevice's start-up of 20000 frames.
+/// A pair with a locked follower, as after a MainDevice's start-up of 20000 frames.
 fn locked(chip: &'static Chip, local: u64, pulse: u16) -> Pair {
     let mut pair = Pair::new(chip, PPB, local, pulse);
     pair.set_offset();
@@ -33,7 +34,7 @@ fn locked(chip: &'static Chip, local: u64, pulse: u16) -> Pair {
     pair
 }
 
-/// Activates SYNC0 and SYNC1 at a whole ms and `odd` ns; gives the start time.
+/// Activates SYNC0 and SYNC1 at a whole ms plus `odd` ns; returns the start time.
 fn activate(pair: &mut Pair, cycle: u64, d1: u64, odd: u64) -> u64 {
     let now = pair.reference.clock.read::<isocat_wire::time::Device>(pair.now).count() + EPOCH;
     let start = (now / T0 + 3) * T0 + odd;
@@ -48,7 +49,7 @@ fn activate(pair: &mut Pair, cycle: u64, d1: u64, odd: u64) -> u64 {
     start
 }
 
-/// What became of the edges.
+/// Statistics of the edges.
 #[derive(Debug)]
 struct Found {
     /// Edges by generation jitter, 0 to 10 ns.
@@ -78,7 +79,7 @@ impl Found {
         self.jitter.iter().sum()
     }
 
-    /// Within limits on both sides: neither too bad nor too good.
+    /// Checks the limits on both sides: neither too bad nor too good.
     fn check(&self, what: &str) {
         let (least, most) = self.residual;
         assert!(-RESIDUAL < least && most < RESIDUAL, "{what}: the loop's residual, {self:?}");
@@ -95,12 +96,13 @@ fn widen(range: &mut (i64, i64), value: i64) {
     *range = (range.0.min(value), range.1.max(value));
 }
 
-/// Edges of one output.
+/// The edges of one output.
 fn of(edges: &[Edge], event: EscEvent) -> Vec<Edge> {
     edges.iter().filter(|edge| edge.event == event).copied().collect()
 }
 
-/// Compares a train with start + first + k period, from the first pulse to the last before now.
+/// Compares a train of pulses with start + first + k period, from the first pulse to the last
+/// before now.
 fn compare(pair: &Pair, found: &mut Found, edges: &[Edge], first: u64, period: u64) {
     for (edge, k) in edges.iter().zip(0u64..) {
         found.edge(pair, edge, first + k * period);
@@ -109,7 +111,7 @@ fn compare(pair: &Pair, found: &mut Found, edges: &[Edge], first: u64, period: u
     assert!(pair.due(next) + isocat_wire::Picos(100_000) > pair.now, "the pulse at {next} is lost");
 }
 
-/// Cyclic, and cyclic acknowledge.
+/// Tests the cyclic mode, and cyclic acknowledge.
 #[test]
 fn cyclic_modes_keep_the_closed_form() {
     for pulse in PULSES {
@@ -137,7 +139,7 @@ fn cyclic_modes_keep_the_closed_form() {
     }
 }
 
-/// Single shot, and single shot acknowledge: one pulse each, however long one waits.
+/// Tests single shot, and single shot acknowledge: one pulse each, however long the wait.
 #[test]
 fn single_shots_keep_the_closed_form() {
     for pulse in PULSES {
@@ -163,7 +165,7 @@ fn single_shots_keep_the_closed_form() {
     }
 }
 
-/// The generation jitter alone: within 12 ns peak to peak, and spread over them.
+/// The generation jitter alone is within 12 ns peak to peak, and spread over this range.
 #[test]
 fn generation_jitter_fills_its_bound_and_no_more() {
     let mut pair = locked(&LAN9252, 1_000_000_000, 100);
@@ -176,7 +178,7 @@ fn generation_jitter_fills_its_bound_and_no_more() {
     compare(&pair, &mut found, &of(&pair.edges, EscEvent::Sync0), start, T0);
     found.check("20 s");
     println!("generation jitter: {found:?}");
-    // Ten equally probable values, and an eleventh from ticks of 11 ns alone.
+    // There are ten equally probable values, and an eleventh from ticks of 11 ns.
     let edges = found.edges();
     for (ns, count) in found.jitter[..10].iter().enumerate() {
         let share = 1_000 * count / edges;
@@ -185,7 +187,7 @@ fn generation_jitter_fills_its_bound_and_no_more() {
     assert!(found.jitter[10] < edges / 100, "{found:?}");
 }
 
-/// Without the loop running, the same clock leaves the bound within a cycle or two.
+/// Without the loop the same clock leaves the bound within a cycle or two.
 #[test]
 fn an_unlocked_clock_leaves_the_bound() {
     let mut pair = Pair::new(&LAN9252, PPB, 1_000_000_000, 100);
@@ -198,7 +200,7 @@ fn an_unlocked_clock_leaves_the_bound() {
     assert!((-87_200..=-86_800).contains(&drift), "{drift} ps a cycle are 87 ppm");
 }
 
-/// Local and system time of a 32-bit ESC wrap every 4.29 s, at different instants; SYNC goes on.
+/// Local and system time of a 32-bit ESC wrap every 4.29 s, at different instants; SYNC continues.
 #[test]
 fn the_wrap_of_32_bits_neither_loses_nor_doubles_a_pulse() {
     let mut pair = locked(&IP_CORE_32, 0xFFFF_FFFF - 2_000_000_000, 100);
@@ -225,14 +227,14 @@ fn the_wrap_of_32_bits_neither_loses_nor_doubles_a_pulse() {
     found.check("across the wraps");
 }
 
-/// A start that has passed when the activation arrives: a 32-bit ESC waits for the wrap, 4.29 s later.
+/// The start has passed when the activation arrives: a 32-bit ESC waits for the wrap, 4.29 s later.
 #[test]
 fn a_late_activation_waits_for_the_wrap() {
     let mut pair = locked(&IP_CORE_32, 0, 100);
     let start = activate(&mut pair, T0, 0, 0);
     pair.write(1, register::SYNC_ACTIVATION, SyncActivation(0));
     pair.edges.clear();
-    // Not written again, but activated again after it.
+    // The start time is not written again, but activated again after it has passed.
     pair.run(10 * T0);
     pair.write(1, register::SYNC_ACTIVATION, SyncActivation(3));
     assert_eq!(pair.read(1, register::ACTIVATION_STATUS), ActivationStatus(5));

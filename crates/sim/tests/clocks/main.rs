@@ -1,5 +1,5 @@
-//! Two ESCs on oscillators of their own, the clock of one following the other's: how well and how fast,
-//! and what that makes of SYNC0 and SYNC1 in true time.
+//! Two ESCs on separate oscillators, the clock of one following the other's: how well and how fast,
+//! and the effect on SYNC0 and SYNC1 in true time.
 
 mod drift_law;
 mod drift_loop;

@@ -1,4 +1,4 @@
-//! A reference ESC and one that follows it, with a MainDevice's start-up of their clocks.
+//! A reference ESC and a follower, with a MainDevice's start-up of their clocks.
 
 use isocat_esc::{Chip, DriftLaw, ET1100, Esc, EscEvent, Pdi};
 use isocat_sim::oscillator::Oscillator;
@@ -8,9 +8,9 @@ use isocat_wire::register::{self, Value};
 use isocat_wire::time::{Device, Picos, True};
 use isocat_wire::{AutoIncrementAddress, Command, PortNumber, Register, StationAddress, Time, sii};
 
-/// From the reference to the follower.
+/// Delay from the reference to the follower.
 const DELAY: Picos = Picos(755_000);
-/// System time of the reference at its power-on, less its local time: some day in 2025.
+/// System time of the reference at its power-on, less its local time: a day in 2025.
 pub const EPOCH: u64 = 800_000_000_123_456_789;
 /// Station address of the reference.
 const REFERENCE: StationAddress = StationAddress(0x1001);
@@ -19,7 +19,7 @@ const REFERENCE: StationAddress = StationAddress(0x1001);
 pub struct Node {
     pub esc: Esc<Vec<u8>>,
     pub clock: Oscillator,
-    /// The local CPU acknowledges SYNC pulses so many ns after they come.
+    /// Time after which the local CPU acknowledges SYNC pulses, ns.
     acknowledge: Option<u64>,
     acknowledge_at: Time<Device>,
 }
@@ -29,17 +29,17 @@ pub struct Node {
 pub struct Edge {
     pub event: EscEvent,
     pub at: Time<True>,
-    /// What the follower's system time shows at that tick.
+    /// The follower's system time at that tick.
     pub system: u64,
 }
 
-/// Both, and true time.
+/// Both ESCs, and true time.
 pub struct Pair {
     pub reference: Node,
     pub follower: Node,
     pub now: Time<True>,
     pub edges: Vec<Edge>,
-    /// The frame of a FRMW, and where its data is.
+    /// The frame of a FRMW, and the place of its data.
     distribution: ([u8; 64], usize, usize),
 }
 
@@ -58,7 +58,7 @@ impl Node {
         Self { esc, clock, acknowledge, acknowledge_at: Time::NEVER }
     }
 
-    /// Lives until `limit`.
+    /// Processes all events until `limit`.
     fn advance(&mut self, limit: Time<True>, edges: &mut Vec<Edge>) {
         let limit: Time<Device> = self.clock.read(limit);
         loop {
@@ -92,8 +92,8 @@ impl Node {
 }
 
 impl Pair {
-    /// A reference that deviates by `ppb.0` and a follower that deviates by `ppb.1`, whose local time
-    /// begins at `local`. SYNC pulses of `pulse` ticks.
+    /// A reference that deviates by `ppb.0` and a follower that deviates by `ppb.1` and whose local
+    /// time begins at `local`. SYNC pulses have `pulse` ticks.
     pub fn new(chip: &'static Chip, ppb: (i64, i64), local: u64, pulse: u16) -> Self {
         let mut bytes = [0; 64];
         let mut writer = FrameWriter::new(&mut bytes, [0x10; 6]);
@@ -127,7 +127,7 @@ impl Pair {
         self.read(1, register::SYSTEM_TIME_DIFFERENCE).nanos(polarity).0
     }
 
-    /// Lives for `ns` of true time.
+    /// Runs for `ns` of true time.
     pub fn run(&mut self, ns: u64) {
         self.run_to(Time::new(self.now.count() + ns * 1_000));
     }
@@ -139,7 +139,8 @@ impl Pair {
         self.follower.advance(at, &mut self.edges);
     }
 
-    /// A frame of one datagram now; its data and working counter. True time goes on by 20 us.
+    /// Sends a frame of one datagram now; returns its data and working counter. True time advances
+    /// by 20 us.
     pub fn send(&mut self, command: Command, address: Address, data: &[u8]) -> (Vec<u8>, u16) {
         let mut bytes = [0; 128];
         let mut writer = FrameWriter::new(&mut bytes, [0x10; 6]);
@@ -158,7 +159,7 @@ impl Pair {
         self.follower.process(bytes, self.now + DELAY, &mut self.edges);
     }
 
-    /// APWR, which has to count. Device 0 is the reference, 1 the follower.
+    /// Sends an APWR, whose working counter must be 1. Device 0 is the reference, 1 the follower.
     pub fn write<T: Value>(&mut self, device: u16, register: Register<T>, value: T) {
         let position = AutoIncrementAddress(0u16.wrapping_sub(device));
         let address = Address::Position(position, register.address);
@@ -166,7 +167,7 @@ impl Pair {
         assert_eq!(wkc, 1, "register {:#06x} of device {device} takes a write", register.address);
     }
 
-    /// APRD, which has to count.
+    /// Sends an APRD, whose working counter must be 1.
     pub fn read<T: Value>(&mut self, device: u16, register: Register<T>) -> T {
         let position = AutoIncrementAddress(0u16.wrapping_sub(device));
         let address = Address::Position(position, register.address);
@@ -177,7 +178,7 @@ impl Pair {
         T::from_bytes(bytes)
     }
 
-    /// Sets delay and offset as a MainDevice does: from receive times of one frame.
+    /// Sets delay and offset like a MainDevice, from receive times of one frame.
     pub fn set_offset(&mut self) {
         self.send(Command::Bwr, Address::Broadcast(register::RECEIVE_TIME_0.address), &[0; 4]);
         let reference = self.read(0, register::RECEIVE_TIME_EPU);
@@ -187,7 +188,7 @@ impl Pair {
         self.write_offset(offset, delay as u32);
     }
 
-    /// Sets delay and offset of the follower; a 32-bit ESC takes the lower half.
+    /// Sets delay and offset of the follower; a 32-bit ESC uses the lower half.
     pub fn write_offset(&mut self, offset: u64, delay: u32) {
         let position = Address::Position(AutoIncrementAddress(0xFFFF), 0x0920);
         let (_, wkc) = self.send(Command::Apwr, position, &offset.to_le_bytes());
@@ -195,14 +196,14 @@ impl Pair {
         self.write(1, register::SYSTEM_TIME_DELAY, delay);
     }
 
-    /// Filter depths and bandwidth; the latter resets the loop.
+    /// Sets filter depths and bandwidth; the latter resets the loop.
     pub fn set_loop(&mut self, start: u16, (time_depth, speed_depth): (u8, u8)) {
         self.write(1, register::TIME_FILTER_DEPTH, time_depth);
         self.write(1, register::SPEED_FILTER_DEPTH, speed_depth);
         self.write(1, register::SPEED_COUNTER_START, start);
     }
 
-    /// One FRMW now, then `interval` ns of true time.
+    /// Sends one FRMW now, then runs for `interval` ns of true time.
     pub fn distribute(&mut self, interval: u64) {
         let (mut bytes, len, data) = self.distribution;
         self.pass(&mut bytes[..len]);
@@ -215,8 +216,8 @@ impl Pair {
         self.reference.clock.when(Time::<Device>::new(system.wrapping_sub(EPOCH)))
     }
 
-    /// The follower's system time less the reference's, ps, now, without the 10 ns grain of either.
-    /// 32 bits: within 2.1 s.
+    /// The follower's system time less the reference's, ps, now, without the 10 ns resolution of
+    /// either. For 32 bits it must be within 2.1 s.
     pub fn difference(&self) -> i64 {
         let continuous = |node: &Node| {
             let count = node.clock.read::<Device>(self.now).count();

@@ -36,7 +36,7 @@ static DESCRIPTION: Description = Description {
     behaviour: Behaviour::DEFAULT,
 };
 
-/// Where a SubDevice hangs: parent and its port, and the own port upstream.
+/// The place of a SubDevice: its parent and the parent's port, and its own port upstream.
 pub type Link = (Option<(usize, PortNumber)>, PortNumber);
 
 pub fn device(chip: &'static Chip, clock: ClockModel, local_time: Time<Local>) -> DeviceSetup {
@@ -56,11 +56,11 @@ pub fn cable(number: usize) -> Cable {
     Cable::of_length(3_000 + (number as u64 * 7_919) % 17_000)
 }
 
-/// SubDevices of one chip that hang together like this, with ideal clocks; hops do not jitter.
+/// SubDevices of one chip with these connections and ideal clocks; hops do not jitter.
 pub fn segment(links: &[Link], chip: impl Fn(usize) -> &'static Chip) -> Segment {
     let connection = |(number, (parent, port)): (usize, &Link)| {
         let clock = ClockModel::constant(0);
-        // Every counter starts elsewhere; some wrap at 32 bits while the frame is on its way.
+        // Every counter starts at another value; some wrap at 32 bits while the frame is in flight.
         let local = (number as u64 * 0x3_1234_5677).wrapping_sub(5_100_000);
         let device = device(chip(number), clock, Time::new(local));
         let connection = Connection::new(*parent, cable(number), device);
@@ -95,7 +95,7 @@ pub fn answer(bytes: &[u8]) -> (Vec<u8>, u16) {
     (first.data.to_vec(), first.wkc)
 }
 
-/// Sends one datagram from a port; its working counter, and where it went.
+/// Sends one datagram from a port; returns its working counter, and where the frame went.
 pub fn send_from(
     segment: &mut Segment,
     port: MainPort,
@@ -107,7 +107,8 @@ pub fn send_from(
     (answer(&bytes).1, fate)
 }
 
-/// BRD of the type register from the primary port: how many SubDevices answer, if the frame is back.
+/// Sends a BRD of the type register from the primary port: returns the number of SubDevices that
+/// answer, if the frame is back.
 pub fn count(segment: &mut Segment, at: Time<True>) -> Result<u16, Lost> {
     let datagram = (Command::Brd, Address::Broadcast(0x0000), &[0][..]);
     let (wkc, fate) = send_from(segment, MainPort::Primary, at, datagram);
@@ -129,7 +130,7 @@ pub fn latch(segment: &mut Segment, port: MainPort, at: Time<True>) -> u16 {
     wkc
 }
 
-/// Receive times of the ports as an ESC has them.
+/// Receive times of the ports of an ESC.
 pub fn receive_times(segment: &Segment, device: usize) -> [u32; 4] {
     [
         register::RECEIVE_TIME_0,

@@ -1,4 +1,4 @@
-//! SDO information: which objects there are, what they are, what their entries are.
+//! SDO information: the list of objects, and the descriptions of objects and entries.
 
 use isocat_wire::coe::info::{
     Access, EntryDescription, HEADER_LEN, Header, ObjectDescription, Opcode, list_type,
@@ -13,14 +13,14 @@ use crate::misbehaviour::{self, Misbehaviour};
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct List {
     kind: u16,
-    /// Objects of the list that were sent.
+    /// Number of objects of the list that were sent.
     sent: usize,
-    /// Objects of the list.
+    /// Number of objects of the list.
     total: usize,
 }
 
-/// Answers an information request; `request` and `reply` begin with the information header. Gives
-/// the bytes of the answer, and the rest of a list that did not fit.
+/// Answers an information request; `request` and `reply` begin with the information header. Returns
+/// the length of the answer, and the rest of a list that did not fit.
 pub(crate) fn answer(
     description: &Description,
     request: &[u8],
@@ -56,10 +56,10 @@ pub(crate) fn answer(
 }
 
 impl List {
-    /// Puts the next fragment into `reply`; gives its bytes and what is left.
+    /// Writes the next fragment into `reply`; returns its length and the remaining list.
     pub fn fragment(self, description: &Description, reply: &mut [u8]) -> (usize, Option<List>) {
         let room = (reply.len() - HEADER_LEN) / 2;
-        // The list type stands before the first index, and only there.
+        // The list type comes before the first index, only in the first fragment.
         let slots = if self.sent == 0 { room - 1 } else { room };
         let (head, mut rest) = reply.split_at_mut(HEADER_LEN);
         let mut len = HEADER_LEN;
@@ -169,7 +169,7 @@ pub(super) fn error(code: AbortCode, reply: &mut [u8]) -> usize {
     write(Opcode::ERROR, &code.0.to_le_bytes(), &[], "", reply)
 }
 
-/// Puts an answer together; a name that does not fit is cut.
+/// Composes an answer; a name that does not fit is truncated.
 fn write(opcode: Opcode, head: &[u8], value: &[u8], name: &str, reply: &mut [u8]) -> usize {
     let header = Header { opcode, incomplete: false, fragments_left: 0 }.emit();
     let mut at = 0;
@@ -181,9 +181,9 @@ fn write(opcode: Opcode, head: &[u8], value: &[u8], name: &str, reply: &mut [u8]
     at
 }
 
-/// Value info of an entry request: rights, category and mapping, which every answer holds.
+/// Value info of an entry request: rights, category and mapping, which every answer has.
 const BASIC_INFO: u8 = 0x07;
 /// Value info of an entry request: the value after power-on.
 const DEFAULT_VALUE: u8 = 0x10;
-/// Longest value after power-on that is told.
+/// Longest value after power-on that is sent.
 const MAX_DEFAULT: usize = 8;

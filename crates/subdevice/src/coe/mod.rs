@@ -1,7 +1,7 @@
 //! The CoE server: SDO transfers and the description of the dictionary.
 //!
-//! [`server`] takes a request apart and holds the transfer that is under way, [`information`] answers
-//! what the dictionary consists of.
+//! [`server`] parses requests and keeps the present transfer; [`information`] answers requests
+//! about the dictionary.
 
 mod information;
 mod server;

@@ -12,10 +12,10 @@ use crate::application::Application;
 use crate::misbehaviour::{self, BadAnswer};
 use crate::objects::{MAX_TRANSFER, Objects};
 
-/// What a request leads to.
+/// The result of a request.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Outcome {
-    /// An answer of so many bytes behind the mailbox header.
+    /// An answer with this number of bytes after the mailbox header.
     Reply(usize),
     /// No answer.
     Silent,
@@ -23,7 +23,7 @@ pub(crate) enum Outcome {
     Error(ErrorDetail),
 }
 
-/// The server and the transfer under way. A new request ends an old transfer.
+/// The server and its present transfer. A new request ends the previous transfer.
 pub(crate) struct Server {
     transfer: Transfer,
     buffer: [u8; MAX_TRANSFER],
@@ -33,14 +33,14 @@ pub(crate) struct Server {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Transfer {
     Idle,
-    /// `buffer[done..total]` is still to be sent.
+    /// `buffer[done..total]` must still be sent.
     Upload {
         object: ObjectAddress,
         done: usize,
         total: usize,
         toggle: bool,
     },
-    /// `buffer[..done]` has come, of `total`.
+    /// `buffer[..done]` of `total` bytes was received.
     Download {
         object: ObjectAddress,
         complete: bool,
@@ -56,18 +56,18 @@ impl Server {
         Self { transfer: Transfer::Idle, buffer: [0; MAX_TRANSFER], list: None }
     }
 
-    /// Forgets the transfer under way.
+    /// Drops the present transfer.
     pub fn reset(&mut self) {
         self.transfer = Transfer::Idle;
         self.list = None;
     }
 
-    /// What the transfers of other protocols use of it, while none of CoE is under way.
+    /// The buffer for transfers of other protocols, while there is no transfer of CoE.
     pub fn buffer_mut(&mut self) -> &mut [u8; MAX_TRANSFER] {
         &mut self.buffer
     }
 
-    /// The same, to read.
+    /// The same buffer, read only.
     pub const fn buffer(&self) -> &[u8; MAX_TRANSFER] {
         &self.buffer
     }
@@ -77,7 +77,7 @@ impl Server {
         self.list.is_some()
     }
 
-    /// The continuation of the last answer.
+    /// Continues the last answer.
     pub fn more<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
         &mut self,
         objects: &mut Objects<'_, A, S>,
@@ -99,7 +99,7 @@ impl Server {
         let Some((header, body)) = request.split_first_chunk::<HEADER_LEN>() else {
             return Outcome::Error(ErrorDetail::SIZE_TOO_SHORT);
         };
-        // An answer that was still in fragments is given up for the new request.
+        // A new request drops the remaining fragments of the previous answer.
         self.list = None;
         match Header::parse(*header).service {
             Service::SDO_REQUEST => {
@@ -123,7 +123,7 @@ impl Server {
                         let code = misbehaviour::abort(objects.faults(), object, code);
                         let abort = Initiate::abort(object, code).emit();
                         reply[HEADER_LEN..][..INITIATE_LEN].copy_from_slice(&abort);
-                        // An abort travels as a request, whoever sends it.
+                        // An abort travels as a request in both directions.
                         finish(Service::SDO_REQUEST, INITIATE_LEN, reply)
                     }
                 }
@@ -311,13 +311,13 @@ fn write<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
     }
 }
 
-/// Puts the CoE header before the `len` bytes of an answer.
+/// Writes the CoE header before the `len` bytes of an answer.
 fn finish(service: Service, len: usize, reply: &mut [u8]) -> Outcome {
     reply[..HEADER_LEN].copy_from_slice(&Header::new(service).emit());
     Outcome::Reply(HEADER_LEN + len)
 }
 
-/// An answer that is not right; `abort` is the one that an abort is.
+/// A wrong answer for a misbehaving device; `abort` are the bytes of an abort.
 fn spoiled(answer: BadAnswer, service: Service, abort: &[u8], reply: &mut [u8]) -> Outcome {
     match answer {
         BadAnswer::Silent => Outcome::Silent,
@@ -332,7 +332,7 @@ fn spoiled(answer: BadAnswer, service: Service, abort: &[u8], reply: &mut [u8]) 
             finish(service, SHORT_LEN, reply)
         }
         BadAnswer::Garbage => {
-            // It names the object, so that it is taken for the answer; its command is that of nothing.
+            // It names the object, so that it is taken for the answer; its command is not in use.
             reply[HEADER_LEN..][..abort.len()].copy_from_slice(abort);
             reply[HEADER_LEN] = GARBAGE;
             finish(service, abort.len(), reply)
@@ -340,10 +340,10 @@ fn spoiled(answer: BadAnswer, service: Service, abort: &[u8], reply: &mut [u8]) 
     }
 }
 
-/// Bytes behind the CoE header of an answer that is too short.
+/// Bytes after the CoE header of an answer that is too short.
 const SHORT_LEN: usize = 4;
-/// A command specifier, and an opcode of SDO information, that is not in use.
+/// A command specifier, and an opcode of SDO information, that are not in use.
 const GARBAGE: u8 = 0x7F;
 
-/// The object named in an abort when no transfer is under way.
+/// The object in an abort without a transfer.
 const NO_OBJECT: ObjectAddress = ObjectAddress::new(0, 0);

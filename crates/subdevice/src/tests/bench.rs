@@ -1,7 +1,8 @@
-//! A SubDevice on the bench: a stand-in for its ESC, and the hands of a MainDevice.
+//! A SubDevice on the bench: a stand-in for its ESC, and the acts of a MainDevice.
 //!
-//! The stand-in knows what the stack can notice: AL control, SyncManager handshakes and events. It is
-//! written apart from the software ESC, so that the two can't be wrong together.
+//! The stand-in has the parts that the stack can notice: AL control, SyncManager handshakes and
+//! events. It is written independently of the software ESC, so that both cannot have the same
+//! error.
 
 use std::boxed::Box;
 use std::vec;
@@ -20,11 +21,11 @@ use crate::application::Application;
 use crate::description::Description;
 use crate::stack::SubDevice;
 
-/// The ESC's memory and what it notices.
+/// The ESC's memory and events.
 pub struct FakeEsc {
     pub memory: Box<[u8; 0x3000]>,
     pub events: u32,
-    /// PDI control that was written while a frame passes, to be done at its end.
+    /// PDI control that was written while a frame passes, and takes effect at its end.
     pub passing: Option<Vec<(usize, u8)>>,
 }
 
@@ -46,14 +47,15 @@ impl FakeEsc {
         sync_manager(number).store(&mut self.memory[..], sm);
     }
 
-    /// The frame that passes has ended.
+    /// Ends the present frame.
     pub fn end_frame(&mut self) {
         for (address, value) in self.passing.take().into_iter().flatten() {
             self.write(address as u16, &[value]);
         }
     }
 
-    /// An access of the PDI at `address..end`: events of the SyncManagers it opens or closes.
+    /// Handles an access of the PDI to `address..end`: events of the SyncManagers that it opens or
+    /// closes.
     fn touch(&mut self, address: usize, end: usize) {
         for number in 0..6 {
             let mut sm = self.sm(number);
@@ -118,7 +120,7 @@ impl Pdi for FakeEsc {
     }
 }
 
-/// What the application was called for, in order.
+/// The calls of the application, in order.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Call {
     Map(Vec<u8>),
@@ -129,7 +131,7 @@ pub enum Call {
     Safe,
 }
 
-/// An application that notes its calls. Its inputs count up.
+/// An application that records its calls. Its inputs count up.
 #[derive(Default)]
 pub struct Probe {
     pub calls: Vec<Call>,
@@ -178,7 +180,7 @@ impl Bench {
         Self { esc: FakeEsc::new(), device, now: Time::new(1_000_000), counter: 0 }
     }
 
-    /// A bench whose device is in `state`, by a MainDevice that does everything right without DC.
+    /// A bench whose device was taken to `state` by a correct MainDevice without DC.
     pub fn in_state(description: &'static Description, state: AlState) -> Self {
         let mut bench = Self::new(description);
         bench.set_mailbox();
@@ -208,7 +210,7 @@ impl Bench {
         self.esc.set_sm(3, sm(0x1400, inputs, SyncManager::INPUTS | SyncManager::CONTROL_AL_EVENT));
     }
 
-    /// SYNC0 every `cycle` ns.
+    /// Sets SYNC0 to every `cycle` ns.
     pub fn set_sync0(&mut self, cycle: u32) {
         register::SYNC0_CYCLE.store(&mut self.esc.memory[..], cycle);
         self.set(register::SYNC_ACTIVATION, isocat_wire::dc::SyncActivation(3));
@@ -226,7 +228,7 @@ impl Bench {
         self.device.poll(self.now, &mut self.esc);
     }
 
-    /// Writes AL control and gives the answer.
+    /// Writes AL control and returns the answer.
     pub fn control(&mut self, control: AlControl) -> (AlStatus, AlStatusCode) {
         self.set(register::AL_CONTROL, control);
         self.esc.events |= al_event::AL_CONTROL;
@@ -246,7 +248,7 @@ impl Bench {
         (self.get(register::AL_STATUS), self.get(register::AL_STATUS_CODE))
     }
 
-    /// Time passes, with everything that the stack asked to be woken for.
+    /// Lets time pass, with all timeouts of the stack.
     pub fn pass(&mut self, span: Nanos) {
         let end = self.now + span;
         while let Some(due) = self.device.next_timeout().filter(|due| *due <= end) {
@@ -257,14 +259,14 @@ impl Bench {
         self.now = end;
     }
 
-    /// The outputs arrive in the SM2 buffer.
+    /// Writes the outputs into the SM2 buffer.
     pub fn write_outputs(&mut self, outputs: &[u8]) {
         let start = usize::from(self.esc.sm(2).start);
         self.esc.memory[start..start + outputs.len()].copy_from_slice(outputs);
         self.esc.events |= al_event::sync_manager(2);
     }
 
-    /// An event whose steps are all done at once, whatever their delay.
+    /// Handles an event and runs all its steps at once, regardless of their delays.
     pub fn run(&mut self, event: Event) -> Vec<(Step, i64)> {
         let steps = self.device.handle_event(self.now, event, &mut self.esc);
         for (step, _) in steps {
@@ -274,7 +276,7 @@ impl Bench {
         steps.iter().map(|(step, delay)| (step, delay.0)).collect()
     }
 
-    /// An event, and the main loop after it.
+    /// Handles an event, and runs the main loop after it.
     pub fn cycle(&mut self, event: Event) -> Vec<(Step, i64)> {
         let steps = self.run(event);
         self.poll();
@@ -289,7 +291,7 @@ impl Bench {
         &self.esc.memory[0x1400..0x1407]
     }
 
-    /// Puts a service into SM0 with the next counter.
+    /// Writes a service into SM0 with the next counter.
     pub fn send(&mut self, protocol: Protocol, body: &[u8]) {
         self.counter = isocat_wire::mailbox::next_counter(self.counter);
         let header = Header::new(body.len() as u16, 0, protocol, self.counter);
@@ -302,7 +304,7 @@ impl Bench {
         self.esc.events |= al_event::sync_manager(0);
     }
 
-    /// Reads SM1, if something is in it.
+    /// Reads SM1, if it is full.
     pub fn receive(&mut self) -> Option<(Header, Vec<u8>)> {
         let mut sm = self.esc.sm(1);
         if sm.status & SyncManager::STATUS_FULL == 0 {
@@ -316,7 +318,7 @@ impl Bench {
         Some((header, bytes[6..][..usize::from(header.length)].to_vec()))
     }
 
-    /// A CoE request and its answer, behind the CoE header. `service` is checked.
+    /// Sends a CoE request and returns its answer after the CoE header. `service` is checked.
     pub fn coe(&mut self, service: u8, body: &[u8]) -> (u8, Vec<u8>) {
         self.send(Protocol::COE, &[&[0, service << 4][..], body].concat());
         self.poll();
@@ -342,7 +344,7 @@ impl Bench {
         Initiate { command, object: ObjectAddress::new(index, sub), data }.emit()
     }
 
-    /// Reads an entry or a whole object, in segments if need be.
+    /// Reads an entry or a whole object, in segments if needed.
     pub fn upload_as(&mut self, complete: bool, index: u16, sub: u8) -> Result<Vec<u8>, AbortCode> {
         let command = 0x40 | u8::from(complete) << 4;
         let answer = self.sdo(&self.initiate(command, index, sub, [0; 4]))?;
@@ -376,8 +378,8 @@ impl Bench {
         u32::from_le_bytes(bytes.try_into().unwrap())
     }
 
-    /// Writes an entry or a whole object: up to four bytes in the message itself, else with the data
-    /// behind, in segments if need be.
+    /// Writes an entry or a whole object: up to four bytes in the message itself, otherwise with
+    /// the data after it, in segments if needed.
     pub fn download_as(
         &mut self,
         complete: bool,

@@ -110,7 +110,7 @@ fn complete_access_packs_by_offset() {
     assert_eq!(whole[..2], [32, 0], "sub-index 0 takes 16 bits");
     assert_eq!(whole[12..18], [0x27, 0, 0x90, 0xD0, 0x03, 0]);
     assert_eq!(bench.upload_as(true, 0x1C32, 1).unwrap(), whole[2..]);
-    // Bits: 1, 101, four of a gap, then 16 that can't be read, then 24.
+    // Bits: 1, 101, a gap of four, then 16 that cannot be read, then 24.
     assert_eq!(bench.upload_as(true, 0x2000, 1), Ok(vec![0b1011, 0, 0, 1, 2, 3]));
     assert_eq!(bench.upload_as(true, 0x1C00, 0), Ok(vec![4, 0, 1, 2, 3, 4]));
     assert_eq!(bench.upload_as(true, 0x1C12, 0), Ok(vec![1, 0, 0, 0x16]), "what is assigned");
@@ -121,7 +121,7 @@ fn complete_access_packs_by_offset() {
 #[test]
 fn complete_access_writes_all_or_nothing() {
     let mut bench = bench();
-    // Sub-index 5 is read-only: it may be there, if it is what it was.
+    // Sub-index 5 is read-only: it is accepted with its present value.
     let bits = [0b0100, 0x34, 0x12, 1, 2, 3];
     assert_eq!(bench.download_as(true, 0x2000, 1, &bits), Ok(()));
     assert_eq!((bench.number(0x2000, 1), bench.number(0x2000, 2)), (0, 0b010));
@@ -218,7 +218,7 @@ fn lists_come_in_fragments() {
             assert_eq!(info.fragments_left, 0);
             break;
         }
-        // 25 indices fit into the first fragment.
+        // The first fragment has 25 indices.
         assert_eq!(usize::from(info.fragments_left), (all.len() - found.len()).div_ceil(26));
         expected_left -= 1;
         assert!(expected_left >= 0);
@@ -267,7 +267,7 @@ fn a_long_list_is_continued_after_each_read() {
     bench.send(isocat_wire::mailbox::Protocol::COE, &[0, 0x80, 1, 0, 0, 0, 1, 0]);
     bench.poll();
     bench.receive().unwrap();
-    // Read the second fragment, too, and ask for something else: the rest of the list is given up.
+    // The second fragment is read too, then another request comes: the rest of the list is dropped.
     bench.poll();
     bench.receive().unwrap();
     bench.poll();

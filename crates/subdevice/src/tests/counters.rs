@@ -1,4 +1,4 @@
-//! What each counter of the sync objects counts, and nothing else: both sides of each edge.
+//! Each counter of the sync objects counts its own errors only: both sides of each edge.
 
 use isocat_sync::{Event, Step};
 use isocat_wire::{AlState, AlStatus, AlStatusCode, Nanos};
@@ -16,7 +16,7 @@ fn counters(bench: &mut Bench) -> [u32; 5] {
     found
 }
 
-/// The SYNC0 pulse, counted from the first without outputs, at which OP ends.
+/// The SYNC0 pulse at which OP ends, counted from the first one without outputs.
 fn falls_at(rule: MissedEvents, limit: u8, lost: impl Fn(usize) -> bool) -> Option<usize> {
     let mut bench = dc_op(|d| {
         d.behaviour.missed_events = rule;
@@ -33,13 +33,13 @@ fn falls_at(rule: MissedEvents, limit: u8, lost: impl Fn(usize) -> bool) -> Opti
     })
 }
 
-/// One, two, three, four frames lost in a row; then one of three, again and again.
+/// One, two, three and four frames are lost in a row; then one of three, repeatedly.
 #[test]
 fn lost_frames_end_op_at_the_pulse_that_each_rule_names() {
     use MissedEvents::{Balance, Counted, SlaveStackCode};
     for (rule, limit, in_a_row, of_three) in [
         (Counted, 4, [None, Some(2), Some(2), Some(2)], Some(7)),
-        // 3 2 1 4 3 2 5 4 3 ... each loss leaves one more: the eighth is above nine.
+        // 3 2 1 4 3 2 5 4 3 ... each loss leaves one more, and the eighth is above nine.
         (Counted, 9, [None, None, None, Some(4)], Some(22)),
         (SlaveStackCode, 4, [None, None, Some(3), Some(3)], None),
         (Balance, 2, [None, None, Some(3), Some(3)], Some(7)),
@@ -53,7 +53,7 @@ fn lost_frames_end_op_at_the_pulse_that_each_rule_names() {
     }
 }
 
-/// 0B: the event that came in time, and the one that did not.
+/// 0B: an event in time, and one that is missing.
 #[test]
 fn a_missed_event_counts_alone() {
     let mut bench = dc_op(|_| {});
@@ -67,7 +67,7 @@ fn a_missed_event_counts_alone() {
     }
 }
 
-/// 0C: the application ends at the very instant of the next event, or 1 ns behind it. 20 goes with it.
+/// 0C: the application ends at the instant of the next event, or 1 ns after it. 20 is set with it.
 #[test]
 fn a_cycle_that_is_too_short_counts_alone() {
     let with_slack = |slack: i64| {
@@ -92,7 +92,7 @@ fn a_cycle_that_is_too_short_counts_alone() {
     assert_eq!(with_slack(-1), [0, 1, 0, 0, 1]);
 }
 
-/// 0D: a shift that is as long as the device's delay (0x1C32:09), and one that is 1 ns shorter.
+/// 0D: a shift equal to the device's delay (0x1C32:09), and one that is 1 ns shorter.
 #[test]
 fn a_shift_that_is_too_short_counts_alone() {
     let shifted = |shift: u32| {
@@ -105,7 +105,7 @@ fn a_shift_that_is_too_short_counts_alone() {
     assert_eq!(shifted(29_999), [0, 0, 1, 0, 0]);
 }
 
-/// 0E: the toggle bit changes with each outputs, or does not.
+/// 0E: the toggle bit changes with all outputs, or not.
 #[test]
 fn outputs_that_do_not_toggle_count_alone() {
     let with_toggle = |d: &mut Builder| d.behaviour.output_toggle = Some(11);
@@ -119,14 +119,14 @@ fn outputs_that_do_not_toggle_count_alone() {
         }
         counters(&mut bench)
     };
-    // Cycles of the way up have bit 11 clear.
+    // The cycles before OP have bit 11 clear.
     assert_eq!(run(with_toggle, [8, 0, 8, 0]), [0; 5]);
     assert_eq!(run(with_toggle, [8, 0, 0xF7, 8]), [0, 0, 0, 1, 0]);
     assert_eq!(run(with_toggle, [8, 8, 8, 8]), [0, 0, 0, 3, 0]);
     assert_eq!(run(|_| {}, [8, 8, 8, 8]), [0; 5]);
 }
 
-/// 20: the missed events at their limit, and one more.
+/// 20: the missed events are at their limit, or one above it.
 #[test]
 fn the_sync_error_is_set_above_the_limit_and_not_at_it() {
     let missed = |limit: u8, cycles: &[bool]| {
@@ -157,7 +157,7 @@ fn sub_index_8_resets_the_counters_and_measures() {
     assert_eq!(counters(&mut bench), [0; 5]);
     assert_eq!(bench.number(0x1C33, 8), 2, "as it was written");
 
-    // The cycle is the one of SYNC0 with DC; stated times are 0, so they are measured.
+    // With DC the cycle is that of SYNC0; times that are stated as 0 are measured.
     let times = |bench: &mut Bench| [2, 5, 6, 9].map(|sub| bench.number(0x1C32, sub));
     assert_eq!(times(&mut bench), [1_000_000, 0, 0, 0]);
     bench.download(0x1C32, 8, &[1, 0]).unwrap();

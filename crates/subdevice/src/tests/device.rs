@@ -1,4 +1,4 @@
-//! The device under test: a dictionary with something of everything.
+//! The device under test: a dictionary with all kinds of objects.
 
 use std::boxed::Box;
 use std::vec::Vec;
@@ -13,7 +13,7 @@ pub const RO: Access = Access::READ;
 pub const RW: Access = Access::READ.with(Access::WRITE);
 pub const RW_PREOP: Access = Access::READ.with(Access::WRITE_PREOP);
 
-/// Text longer than a mailbox.
+/// A text longer than a mailbox.
 pub const NAME: &str = "a name that is much longer than what a mailbox of 64 bytes can take at once, \
     so that it has to come in segments, of which the last one is a short one";
 

@@ -11,7 +11,8 @@ use crate::description::{Behaviour, Description, ProcessDataArea};
 
 use AlState::{Init, Op, PreOp, SafeOp};
 
-/// Two bytes of digital outputs, each a register with a SyncManager of its own, and one byte of inputs.
+/// Two bytes of digital outputs, each a register with a separate SyncManager, and one byte of
+/// inputs.
 fn bench(types: u16) -> Bench {
     let area = |sync_manager, start| ProcessDataArea { sync_manager, start, max_length: 1 };
     let further = Box::leak(Box::new([area(1, 0x0F01)]));
@@ -31,7 +32,7 @@ fn bench(types: u16) -> Bench {
     Bench::new(Box::leak(Box::new(description)))
 }
 
-/// The ESC has copied AL control to AL status.
+/// The ESC copied AL control to AL status.
 fn mirror(bench: &mut Bench, status: u16) {
     bench.set(register::AL_STATUS, AlStatus(status));
     bench.poll();
@@ -40,7 +41,7 @@ fn mirror(bench: &mut Bench, status: u16) {
 #[test]
 fn it_is_where_al_status_says() {
     let mut bench = bench(0b11);
-    // The acknowledge bit is copied as well, and shortcuts are no errors.
+    // The acknowledge bit is copied too, and skipping states is no error.
     for (status, state) in [
         (0x11, Init),
         (0x12, PreOp),
@@ -61,7 +62,7 @@ fn it_is_where_al_status_says() {
     }
 }
 
-/// No SyncManager is set: the wires of the circuit lie where they lie.
+/// No SyncManager is configured: the circuit's wires have fixed addresses.
 #[test]
 fn outputs_act_in_op_alone_and_inputs_are_there_from_safeop_on() {
     let mut bench = bench(0b11);
@@ -80,7 +81,7 @@ fn outputs_act_in_op_alone_and_inputs_are_there_from_safeop_on() {
     assert_eq!(bench.calls(), [Call::Safe]);
 }
 
-/// The circuit switches its outputs off; the state is the ESC's.
+/// The circuit switches its outputs off; the ESC has the state.
 #[test]
 fn the_watchdog_switches_outputs_off_and_changes_no_state() {
     let mut bench = bench(0b11);

@@ -18,7 +18,8 @@ fn error(state: AlState, code: AlStatusCode) -> (AlStatus, AlStatusCode) {
     (AlStatus::new(state).with_error(true), code)
 }
 
-/// What P to S answers after `prepare` has changed a right configuration of 7 bytes each way.
+/// The answer to P to S after `prepare` has changed a right configuration of 7 bytes in each
+/// direction.
 fn safe_op(
     device: impl FnOnce(&mut Builder),
     prepare: impl FnOnce(&mut Bench),
@@ -183,7 +184,7 @@ fn process_data_sync_managers_must_fit_the_mapping() {
         assert_eq!(change(number, |sm| sm.control ^= SyncManager::CONTROL_ECAT_WRITES), refused);
         assert_eq!(change(number, |sm| sm.control |= 1), refused, "no known mode");
     }
-    // The areas of the device's description overlap only if its author made a mistake.
+    // The areas of the device's description only overlap by an error of its author.
     let outputs = error(PreOp, AlStatusCode::INVALID_OUTPUT_CONFIGURATION);
     let move_to = |start: u16| {
         let mut fixed = description(|_| {}).clone();
@@ -230,7 +231,7 @@ fn sync_unit_must_be_what_the_device_can() {
     assert_eq!(unit(0x03, 4_000_001, 0), cycle);
     assert_eq!(unit(0x03, 0, 0), cycle, "a single shot starts no cycle");
 
-    // A device that wants time stamps alone, and one that does not listen to SYNC1.
+    // A device that only needs time stamps, and one that ignores SYNC1.
     let lenient = |activation: u8, stamps: bool, sync1: bool| {
         safe_op(
             move |d| {
@@ -271,7 +272,7 @@ fn sync_unit_must_be_what_the_device_can() {
                 bench.set_sync0(1_000_000);
                 bench.set(register::SYNC1_CYCLE, sync1);
                 bench.set(register::SYNC_ACTIVATION, isocat_wire::dc::SyncActivation(7));
-                // SYNC0 mode, whatever SYNC1 does.
+                // SYNC0 mode, independent of SYNC1.
                 bench.download(0x1C32, 1, &[2, 0]).unwrap();
             },
         )
@@ -313,7 +314,8 @@ fn types_that_were_chosen_win_and_are_checked() {
     assert_eq!(types(7, true, Some(2), Some(0x22)), error(PreOp, mixed));
     assert_eq!(types(7, true, Some(0), Some(2)), error(PreOp, mixed));
     assert_eq!(types(4, false, None, None), error(PreOp, AlStatusCode::FREE_RUN_NOT_SUPPORTED));
-    // One direction can, the other can't: chosen before its partner narrowed it.
+    // One direction supports it, the other one does not: it was chosen before the other was
+    // restricted.
     let narrow = safe_op(
         |d| {
             d.preset(0x1C32, 4, &[7, 0]);
@@ -346,14 +348,14 @@ fn type_writes_are_refused_by_what_the_device_can() {
         assert_eq!(write(0x1C33, value), refused, "{value}");
     }
     assert_eq!(bench.number(0x1C33, 1), 0x22, "a refused value changes nothing");
-    // Without outputs: SM3.
+    // Without outputs it is SM3.
     bench.download(0x1C12, 0, &[0]).unwrap();
     let mut write = |index, value: u8| bench.download(index, 1, &[value, 0]);
     assert_eq!(
         [write(0x1C33, 1), write(0x1C33, 0x22), write(0x1C32, 1)],
         [Ok(()), refused, refused]
     );
-    // Free Run is taken even if it is not announced; the state change refuses it.
+    // Free Run is accepted even if it is not announced; the state change refuses it.
     let no_free_run = description(|d| {
         d.preset(0x1C32, 4, &[4, 0]);
         d.preset(0x1C33, 4, &[4, 0]);

@@ -115,7 +115,7 @@ fn a_repetition_that_was_lost_too_comes_again() {
     bench.poll();
     toggle_repeat(&mut bench);
     assert_eq!(bench.receive(), first);
-    // Asked again before the newer one stands there; and then twice without reading.
+    // It is requested again before the newer one is in SM1, and then twice without reading.
     toggle_repeat(&mut bench);
     assert_eq!(bench.receive(), first, "not the newer one, which was not lost");
     bench.poll();
@@ -201,7 +201,7 @@ fn an_answer_of_before_init_is_not_one_of_after() {
     bench.send_raw(&request(1));
     bench.poll();
     assert_eq!(bench.receive().unwrap().0.counter, 1);
-    // A frame that passes keeps the ESC from emptying it at once.
+    // A frame in progress keeps the ESC from emptying it at once.
     bench.poll();
     bench.send_raw(&request(2));
     bench.poll();

@@ -1,4 +1,4 @@
-//! Whatever comes in: no panic, and the next right request is answered.
+//! For any input: no panic, and the next right request is answered.
 
 use std::vec;
 use std::vec::Vec;
@@ -14,7 +14,7 @@ use super::device::description;
 use crate::description::{Description, MissedEvents};
 use crate::steps::MAX_STEPS;
 
-/// Something that happens to a device.
+/// An input of a device.
 #[derive(Clone, Debug)]
 enum Input {
     Control(u16),
@@ -42,7 +42,7 @@ fn device() -> &'static Description {
     })
 }
 
-/// A CoE request that is mostly one, to an object that mostly exists.
+/// A CoE request that is usually valid, to an object that usually exists.
 fn request() -> impl Strategy<Value = Vec<u8>> {
     let indices: Vec<u16> = device().objects.iter().map(|object| object.index).collect();
     let index = prop_oneof![9 => proptest::sample::select(indices), 1 => any::<u16>()];
@@ -169,7 +169,7 @@ fn apply(bench: &mut Bench, input: &Input) {
     assert_eq!(status.error(), bench.device.status_code() != Default::default());
 }
 
-/// Reads what is left in the mailbox, and asks for something known.
+/// Reads all waiting messages, and requests a known value.
 fn answers(bench: &mut Bench) {
     for _ in 0..40 {
         bench.poll();
@@ -208,7 +208,7 @@ proptest! {
         for input in &inputs {
             apply(&mut bench, input);
         }
-        // Whatever it was: the way back to work is INIT.
+        // After any input INIT is possible.
         bench.set_mailbox();
         let mut sm = bench.esc.sm(0);
         sm.status = 0;

@@ -1,4 +1,5 @@
-//! Protocols of the mailbox that the device announces and has nothing for, and those that it does not announce.
+//! Protocols of the mailbox that the device announces without content, and those that it does not
+//! announce.
 
 use std::boxed::Box;
 use std::vec::Vec;
@@ -10,7 +11,7 @@ use super::bench::Bench;
 use super::device::description;
 use crate::Speaks;
 
-/// AoE, EoE, FoE, SoE and VoE beside CoE.
+/// AoE, EoE, FoE, SoE and VoE in addition to CoE.
 const ALL: u16 = 0x3F;
 
 fn bench(protocols: u16) -> Bench {

@@ -1,4 +1,5 @@
-//! Several SyncManagers in one direction: one image for the application, a buffer each in the ESC.
+//! Several SyncManagers in one direction: one image for the application, and one buffer for each in
+//! the ESC.
 
 use std::boxed::Box;
 use std::vec::Vec;
@@ -19,7 +20,7 @@ const fn area(sync_manager: u8, start: u16, max_length: u16) -> ProcessDataArea 
     ProcessDataArea { sync_manager, start, max_length }
 }
 
-/// In PREOP. Outputs are 3 bytes in SM2 and 2 in SM4, inputs 2 bytes in SM3 and 4 in SM5.
+/// A device in PREOP. Outputs are 3 bytes in SM2 and 2 in SM4, inputs 2 bytes in SM3 and 4 in SM5.
 fn bench() -> Bench {
     let description = Description {
         objects: &[],
@@ -71,7 +72,8 @@ fn the_application_has_one_image_of_each_direction() {
     assert_eq!(bench.esc.memory[0x1500..0x1505], [count, count, count, count, 0]);
 }
 
-/// One byte too few and one too many in the second SyncManager, and where its three buffers may begin.
+/// One byte too few and one too many in the second SyncManager, and the possible start of its three
+/// buffers.
 #[test]
 fn each_sync_manager_is_checked() {
     let outputs = AlStatusCode::INVALID_OUTPUT_CONFIGURATION;
@@ -93,7 +95,8 @@ fn each_sync_manager_is_checked() {
     }
 }
 
-/// A device in whose description the second area follows the three buffers of the first, and one byte less.
+/// In the device's description the second area follows the three buffers of the first, or overlaps
+/// them by one byte.
 #[test]
 fn buffers_of_one_direction_do_not_overlap() {
     for (start, right) in [(0x1109, true), (0x1108, false)] {
@@ -117,7 +120,7 @@ fn buffers_of_one_direction_do_not_overlap() {
     }
 }
 
-/// With one of them open, frames would still be counted as taken.
+/// If one of them stayed open, frames would still have a complete working counter.
 #[test]
 fn an_error_closes_all_outputs_until_it_is_acknowledged() {
     let mut bench = in_op();
@@ -135,7 +138,8 @@ fn an_error_closes_all_outputs_until_it_is_acknowledged() {
     assert_eq!(closed(&bench), [true; 4]);
 }
 
-/// The image of a direction has 1486 bytes, those of a datagram, for all of its buffers; one more is refused.
+/// The image of a direction has 1486 bytes for all of its buffers, as a datagram has; one more is
+/// refused.
 #[test]
 fn all_buffers_fit_in_one_image() {
     for (second, right) in [(486, true), (487, false)] {
@@ -160,7 +164,8 @@ fn all_buffers_fit_in_one_image() {
     }
 }
 
-/// Outputs that nobody will use are acknowledged by their first and last byte; those fetched before stay.
+/// Outputs that will not be used are acknowledged by their first and last byte; outputs fetched
+/// before are kept.
 #[test]
 fn dropped_outputs_leave_the_image_as_it_is() {
     let mut bench = in_op();
@@ -178,14 +183,14 @@ fn dropped_outputs_leave_the_image_as_it_is() {
     data.drop_outputs(&mut reads);
     assert_eq!(reads.0, [(0x1100, 1), (0x1102, 1), (0x1200, 1)]);
     assert_eq!(data.outputs(&image), [1, 2, 3, 4]);
-    // An image that is shorter than the buffers is filled as far as it reaches.
+    // An image that is shorter than the buffers is filled up to its end.
     bench.esc.memory[0x1100..0x1103].fill(9);
     let mut short = [0; 2];
     data.fetch_outputs(&mut short, &mut bench.esc);
     assert_eq!(data.outputs(&short), [9, 9]);
 }
 
-/// An ESC that notes what is read.
+/// An ESC that records reads.
 struct Reads(Vec<(u16, usize)>);
 
 impl Pdi for Reads {

@@ -1,4 +1,4 @@
-//! A device without mailbox: nobody can ask it anything, so its description decides.
+//! A device without mailbox: it has no objects to read, so its description decides.
 
 use isocat_sync::{SupportedTypes, SyncMode};
 use isocat_wire::register::al_event;
@@ -17,7 +17,7 @@ const FREE_RUN: SupportedTypes = SupportedTypes(0b001);
 const SM: SupportedTypes = SupportedTypes(0b010);
 const SM_OR_SYNC0: SupportedTypes = SupportedTypes(0b110);
 
-/// In PREOP, with SyncManagers for so many bytes; 7 bytes each way are right.
+/// A device in PREOP, with SyncManagers of these lengths; 7 bytes in each direction are right.
 fn bench(types: SupportedTypes, outputs: u16, inputs: u16) -> Bench {
     let description = Description {
         objects: &[],
@@ -74,7 +74,7 @@ fn its_buffers_have_one_length() {
     }
 }
 
-/// SM0 and SM1 guard nothing of it, however they are set.
+/// SM0 and SM1 guard none of its memory, with any settings.
 #[test]
 fn mailbox_sync_managers_do_not_concern_it() {
     let mut bench = bench(SM, 7, 7);

@@ -1,4 +1,4 @@
-//! SoE: parameters of drives, element by element, in fragments, and every way in which it fails.
+//! SoE: parameters of drives, element by element, in fragments, and all its errors.
 
 use std::boxed::Box;
 use std::vec;
@@ -14,9 +14,9 @@ use crate::{Parameter, Speaks};
 
 /// A list of IDNs, longer than a mailbox of 64 bytes.
 const LIST: u16 = 17;
-/// Most bytes of it.
+/// Most bytes of the list.
 const ROOM: u16 = 200;
-/// Bytes of a value that a message to the device can have.
+/// Bytes of a value in one message to the device.
 const PART: usize = 64 - 6 - 4;
 
 fn attribute(bytes: usize) -> Attribute {
@@ -62,7 +62,7 @@ fn bench_in(state: AlState) -> Bench {
     Bench::in_state(Box::leak(Box::new(device)), state)
 }
 
-/// A read of elements: all fragments of the answer together.
+/// Reads elements; returns all fragments of the answer together.
 fn read(bench: &mut Bench, drive: u8, idn: u16, elements: Elements) -> Result<Vec<u8>, ErrorCode> {
     let request = Header::new(Opcode::READ_REQUEST, drive, elements, Idn(idn));
     bench.send(Protocol::SOE, &request.emit());
@@ -97,7 +97,7 @@ fn value(bench: &mut Bench, drive: u8, idn: u16) -> Result<Vec<u8>, ErrorCode> {
     read(bench, drive, idn, Elements::VALUE)
 }
 
-/// A write of a value, in as many messages as it needs.
+/// Writes a value, in as many messages as needed.
 fn write(
     bench: &mut Bench,
     drive: u8,
@@ -149,7 +149,7 @@ fn elements_come_in_the_order_of_their_bits() {
         &[0, 0][..],
         &[5, 0, 5, 0],
         b"Cycle",
-        // Factor 1, two bytes, written in PREOP alone.
+        // Factor 1, two bytes, writable in PREOP only.
         &[1, 0, 0x01, 0x60],
         &[0xD0, 0x07],
     ]
@@ -177,16 +177,16 @@ fn value_after_power_on(mut bench: Bench) -> Vec<u8> {
 fn lists_go_in_fragments_both_ways() {
     let mut bench = bench();
     assert_eq!(value(&mut bench, 0, LIST), Ok(vec![4, 0, ROOM as u8, 0, 1, 0, 17, 0]));
-    // One byte less than two messages, two messages, and more; and all that there is room for.
+    // One byte less than two messages, two messages, and more; and the largest list.
     for items in [2 * PART - 6, 2 * PART - 4, 2 * PART - 2, usize::from(ROOM)] {
         let mut data = vec![items as u8, 0, 0xFF, 0xFF];
         data.extend((0..items).map(|n| n as u8));
         assert_eq!(write_value(&mut bench, 0, LIST, &data), Ok(()));
-        // The device says how long the list can be, whatever was written.
+        // The device determines the largest length, whatever was written.
         data[2..4].copy_from_slice(&ROOM.to_le_bytes());
         assert_eq!(value(&mut bench, 0, LIST), Ok(data));
     }
-    // Shorter again: nothing of the longer one is left.
+    // Shorter again: no byte of the longer list remains.
     assert_eq!(write_value(&mut bench, 0, LIST, &[2, 0, 0, 0, 9, 0]), Ok(()));
     assert_eq!(value(&mut bench, 0, LIST), Ok(vec![2, 0, ROOM as u8, 0, 9, 0]));
 }
@@ -209,7 +209,7 @@ fn lengths_at_both_sides() {
     let mut list = vec![0; usize::from(ROOM) + 6];
     list[..2].copy_from_slice(&(ROOM + 2).to_le_bytes());
     assert_eq!(write_value(&mut bench, 0, LIST, &list), long);
-    // More than there is memory for, told once the last piece has come.
+    // More than fits into memory, which is reported after the last fragment.
     assert_eq!(write_value(&mut bench, 0, LIST, &[0; 1025]), long);
     assert_eq!(value(&mut bench, 0, 1), Ok(vec![0xD0, 0x07]), "nothing was written");
 }
@@ -250,7 +250,7 @@ fn only_values_are_written_and_only_when_they_may() {
         assert_eq!(write(&mut bench, 0, 1, element, &[1, 0]), Err(code));
     }
     assert_eq!(write_value(&mut bench, 0, 51, &[0; 4]), Err(ErrorCode::VALUE_READ_ONLY));
-    // What is fixed can be written as it is.
+    // A fixed parameter can be written with its present value.
     assert_eq!(write_value(&mut bench, 0, 24, &[7, 0]), Ok(()));
     assert_eq!(write_value(&mut bench, 0, 24, &[8, 0]), Err(ErrorCode::VALUE_INVALID));
     assert_eq!(value(&mut bench, 0, 24), Ok(vec![7, 0]));
@@ -264,7 +264,7 @@ fn a_new_request_ends_a_transfer() {
     let mut bench = bench();
     let data: Vec<u8> = [100, 0, 0, 0].into_iter().chain(1..=100).collect();
     assert_eq!(write_value(&mut bench, 0, LIST, &data), Ok(()));
-    // The first fragment of an upload, then SDO: the rest of the upload is given up.
+    // The first fragment of an upload, then an SDO: the rest of the upload is dropped.
     let request = Header::new(Opcode::READ_REQUEST, 0, Elements::VALUE, Idn(LIST));
     bench.send(Protocol::SOE, &request.emit());
     bench.poll();
@@ -277,7 +277,7 @@ fn a_new_request_ends_a_transfer() {
     let (header, _) = bench.receive().expect("the answer to the SDO request");
     assert_eq!(header.protocol, Protocol::COE);
     bench.poll();
-    // The first piece of a download, and then a whole one for the other drive: it stands alone.
+    // The first fragment of a download, then a whole one for the other drive, which is independent.
     let piece = Header {
         incomplete: true,
         idn: Idn(1),

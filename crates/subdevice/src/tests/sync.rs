@@ -24,7 +24,7 @@ pub(super) fn dc_safe_op(device: impl FnOnce(&mut Builder)) -> Bench {
     bench
 }
 
-/// One cycle: outputs half a cycle before SYNC0, if they come.
+/// Runs one cycle: outputs half a cycle before SYNC0, if they come.
 pub(super) fn dc_cycle(bench: &mut Bench, with_outputs: bool) {
     bench.pass(Nanos(500_000));
     if with_outputs {
@@ -144,13 +144,13 @@ fn free_run_follows_its_timer() {
     bench.pass(Nanos(500_000));
     assert_eq!(bench.calls(), [cycle, Call::Valid, Call::Latch, Call::Inputs], "no news");
 
-    // A tick that finds the last pass still at work is left out, and counts as nothing.
+    // A tick at which the last pass is still in work is skipped, and not counted.
     bench.now += Nanos(500_000);
     assert_eq!(event(&mut bench, Event::Timer).len(), 4);
     bench.now += Nanos(500_000);
     assert_eq!(event(&mut bench, Event::Timer), Steps::EMPTY);
     assert_eq!(bench.device.sync().cycle_time_too_small(), 0);
-    // Ticks that nobody saw are not made up for.
+    // Missed ticks are not repeated.
     bench.now += Nanos(5_250_000);
     event(&mut bench, Event::Timer);
     assert_eq!(bench.device.timer(), Some(bench.now + Nanos(250_000)));
@@ -200,7 +200,7 @@ fn shifts_move_what_the_device_can_shift() {
     assert_eq!((steps[0], steps[3], too_short), ((LatchInputs, 0), (OutputsValid, 30_000), 0));
 }
 
-/// Slack 0 ns is clean, -1 ns is a missed event.
+/// Slack 0 ns is accepted, -1 ns is a missed event.
 #[test]
 fn outputs_must_be_ready_before_sync0() {
     let with_slack = |slack: i64| {
@@ -228,7 +228,7 @@ fn outputs_must_be_ready_before_sync0() {
     assert_eq!((counts, mapped), ((0, 0), true));
     let (counts, mapped, mut late) = with_slack(-1);
     assert_eq!((counts, mapped), ((3, 1), false), "too late is not used at all");
-    // What was late does not stand for the next cycle.
+    // Late outputs do not count for the next cycle.
     late.now += CYCLE;
     late.run(Event::Sync0);
     assert_eq!(late.device.sync().missed_events_total(), 2);
@@ -250,7 +250,7 @@ fn an_event_that_came_but_was_not_begun_is_late() {
     assert_eq!(bench.device.state(), AlState::Op);
 }
 
-/// SYNC0 pulses until OP is left, and why.
+/// Returns the number of SYNC0 pulses until OP is left, and the code.
 fn until_error(bench: &mut Bench, outputs: impl Fn(usize) -> bool) -> (usize, AlStatusCode) {
     for cycle in 0..1000 {
         dc_cycle(bench, outputs(cycle));
@@ -354,7 +354,7 @@ fn op_is_given_up_with_the_reason() {
             }
         }
         if sync0 && outputs {
-            // Outputs came, but only once.
+            // Outputs came only once.
             bench.write_outputs(&[1; 7]);
             bench.run(Event::Sm2);
         }
@@ -374,7 +374,7 @@ fn op_is_given_up_with_the_reason() {
 fn sync0_that_stays_away_ends_op() {
     let mut bench = dc_op(|_| {});
     let last = bench.now;
-    // 1 ms gives two ticks of 1 ms, and the one under way.
+    // 1 ms gives two ticks of 1 ms, and the present one.
     assert_eq!(bench.device.next_timeout(), Some(last + Nanos::millis(3)));
     bench.pass(Nanos(2_999_999));
     assert_eq!(bench.device.state(), AlState::Op);
@@ -386,7 +386,7 @@ fn sync0_that_stays_away_ends_op() {
 #[test]
 fn a_late_sync0_does_not_hide_that_it_was_late() {
     let mut bench = dc_op(|_| {});
-    // Nobody called at the timeout.
+    // The stack was not called at the timeout.
     bench.now += Nanos::millis(5);
     bench.run(Event::Sync0);
     assert_eq!(bench.device.status_code(), AlStatusCode::FATAL_SYNC_ERROR);
@@ -413,7 +413,7 @@ fn a_cycle_that_is_not_finished_is_counted() {
     assert_eq!(bench.run(Event::Sm2).len(), 5);
     assert_eq!(bench.number(0x1C32, 12), 1);
 
-    // With SYNC0 the application is what may not be finished.
+    // With SYNC0 the application is the step that may not be finished.
     let mut bench = dc_op(|_| {});
     dc_cycle(&mut bench, true);
     let steps = event(&mut bench, Event::Sync0);
@@ -471,7 +471,8 @@ fn sync0_is_acknowledged_only_if_the_chip_waits_for_it() {
             self.0.write(address, data);
         }
     }
-    // Below SAFEOP too: a pulse that nothing acknowledges is the last one. Later, if the device does it later.
+    // This also holds below SAFEOP: without an acknowledge there is no further pulse. A device may
+    // also acknowledge later.
     for (pulse_length, late, expected) in [(100, false, 0), (0, false, 1), (0, true, 0)] {
         let device = description(|builder| builder.behaviour.late_acknowledge = late);
         let mut bench = Bench::in_state(device, AlState::PreOp);

@@ -1,4 +1,4 @@
-//! The modes with SYNC1: what starts, what is in time, what ends OP.
+//! The modes with SYNC1: which steps start, what is in time, and what ends OP.
 
 use isocat_sync::{Event, Step, SyncMode};
 use isocat_wire::dc::SyncActivation;
@@ -11,7 +11,7 @@ use super::sync::{begin, event, finish};
 
 use Step::{Application, LatchInputs, MapInputs, MapOutputs, OutputsValid};
 
-/// A device in PREOP that announces everything.
+/// A device in PREOP that announces all types.
 fn preop(device: impl FnOnce(&mut Builder)) -> Bench {
     let all = |d: &mut Builder| {
         d.preset(0x1C32, 4, &[0x3F, 0]);
@@ -23,7 +23,7 @@ fn preop(device: impl FnOnce(&mut Builder)) -> Bench {
     bench
 }
 
-/// Both SYNC signals on.
+/// Switches both SYNC signals on.
 fn set_sync(bench: &mut Bench, sync0: u32, sync1: u32) {
     bench.set_sync0(sync0);
     bench.set(register::SYNC1_CYCLE, sync1);
@@ -34,7 +34,7 @@ fn types(bench: &mut Bench) -> (u32, u32) {
     (bench.number(0x1C32, 1), bench.number(0x1C33, 1))
 }
 
-/// The mode that SYNC0 every ms and these registers and types come to.
+/// The mode that follows from SYNC0 every ms, these registers and these types.
 fn entered(sync1: u32, output: Option<u8>, input: Option<u8>) -> Result<SyncMode, AlStatusCode> {
     let mut bench = preop(|_| {});
     for (index, kind) in [(0x1C32, output), (0x1C33, input)] {
@@ -91,7 +91,7 @@ fn what_is_not_announced_is_refused() {
     bench.set(register::SYNC_ACTIVATION, SyncActivation(5));
     assert_eq!(bench.acknowledge(AlState::SafeOp), invalid);
 
-    // A device whose subordinated cycles have a SYNC0 of their own.
+    // A device whose subordinated cycles need a certain SYNC0 cycle.
     let with = |sync0: u32| {
         let mut bench = preop(|d| d.behaviour.subordinated_sync0_cycle = Nanos(250_000));
         set_sync(&mut bench, sync0, 750_000);
@@ -101,7 +101,7 @@ fn what_is_not_announced_is_refused() {
     assert_eq!(with(375_000), (AlStatus(0x12), AlStatusCode::DC_SYNC0_CYCLE));
 }
 
-/// Terminals announce SYNC1 without SYNC0, and run by both.
+/// Terminals announce SYNC1 without SYNC0, and use both.
 #[test]
 fn sync1_brings_the_sync0_that_it_follows() {
     let with = |activation: u8, kind: Option<u8>| {
@@ -126,7 +126,7 @@ fn sync1_brings_the_sync0_that_it_follows() {
     assert_eq!(with(3, None).0, invalid, "SYNC0 alone is not among the types");
 }
 
-/// One ms: outputs 400 us before SYNC0, then SYNC0 and what is behind it.
+/// Runs one ms: outputs 400 us before SYNC0, then SYNC0 and the pulses after it.
 fn cycle(bench: &mut Bench, outputs: bool, pulses: &[(i64, Event)]) {
     if outputs {
         bench.write_outputs(&[5; 7]);
@@ -201,7 +201,7 @@ fn outputs_can_be_shifted_by_sync1_too() {
     assert_eq!(bench.run(Event::Sync1), steps);
 }
 
-/// SYNC0 fetches, SYNC1 acts; the distance is as long as copying takes, or 1 ns shorter.
+/// SYNC0 fetches and SYNC1 acts; their distance is as long as copying takes, or 1 ns shorter.
 #[test]
 fn sync1_must_leave_the_time_to_copy() {
     let with_slack = |slack: i64| {
@@ -272,7 +272,7 @@ fn the_application_can_wait_for_sync1() {
     assert_eq!((applied, calls.contains(&Call::Application(Nanos(250_000)))), (1, false));
 }
 
-/// The next SYNC0 fetches the next outputs before the hardware's delay behind SYNC1 is over.
+/// The next SYNC0 fetches the next outputs before the hardware's delay after SYNC1 is over.
 #[test]
 fn outputs_of_the_next_cycle_in_work_are_not_late_for_this_one() {
     let mut bench = in_op(
@@ -301,7 +301,7 @@ fn outputs_of_the_next_cycle_in_work_are_not_late_for_this_one() {
     assert!(bench.calls().contains(&Call::Map(std::vec![8; 7])), "they are not too late either");
 }
 
-/// 0x1C32:03 shifts outputs behind SYNC1 of subordinated cycles, and not behind a SYNC1 that is the
+/// 0x1C32:03 shifts outputs after SYNC1 of subordinated cycles, but not after a SYNC1 that is the
 /// shift itself.
 #[test]
 fn a_local_timer_shifts_behind_the_pulse_of_the_cycle_only() {
@@ -348,7 +348,7 @@ fn op_waits_for_sync1_as_for_sync0() {
     assert_eq!(bench.status(), (AlStatus(0x14), AlStatusCode::NO_SYNC));
 }
 
-/// Where SYNC0 fetches the outputs, SM2 is nothing but a note in the buffer.
+/// If SYNC0 fetches the outputs, SM2 only marks the buffer as new.
 #[test]
 fn a_program_without_sm2_looks_at_sync0() {
     let polls = |d: &mut Builder| d.behaviour.polls_outputs = true;

@@ -1,4 +1,4 @@
-//! The stack behind the software ESC: what a MainDevice sees on the wire.
+//! The stack behind the software ESC, as a MainDevice sees it on the wire.
 
 use std::vec;
 use std::vec::Vec;
@@ -19,16 +19,16 @@ use super::bench::{Call, Probe};
 use super::device::{Builder, description};
 use crate::stack::SubDevice;
 
-/// A SubDevice with its ESC, and the frames that come to it.
+/// A SubDevice with its ESC, and frames to it.
 struct Wire {
     esc: Esc<Vec<u8>>,
     device: SubDevice<Probe, Vec<u8>>,
     now: Time<Device>,
-    /// When the main loop runs next: it needs 50 us to look.
+    /// When the main loop runs next: it needs 50 us to react.
     polling: Option<Time<Device>>,
 }
 
-/// A frame on the wire, short ones.
+/// Wire time of a short frame.
 const FRAME: Nanos = Nanos(6_720);
 const CYCLE: Nanos = Nanos(1_000_000);
 
@@ -51,7 +51,7 @@ impl Wire {
         }
     }
 
-    /// Everything that happens until `end`.
+    /// Processes all events until `end`.
     fn until(&mut self, end: Time<Device>) {
         loop {
             let never = Time::NEVER;
@@ -102,7 +102,7 @@ impl Wire {
         }
     }
 
-    /// One datagram; its working counter and data.
+    /// Sends one datagram; returns its working counter and data.
     fn datagram(&mut self, command: Command, address: u16, data: &[u8]) -> (u16, Vec<u8>) {
         let mut buffer = [0; 600];
         let mut frame = FrameWriter::new(&mut buffer, [2; 6]);
@@ -136,7 +136,7 @@ impl Wire {
         (self.read(register::AL_STATUS), self.read(register::AL_STATUS_CODE))
     }
 
-    /// Asks for a state, and waits a millisecond.
+    /// Requests a state, and waits a millisecond.
     fn ask(&mut self, state: AlState) -> (AlStatus, AlStatusCode) {
         self.write(register::AL_CONTROL, isocat_wire::AlControl::request_and_acknowledge(state));
         self.until(self.now + Nanos(1_000_000));
@@ -153,7 +153,7 @@ impl Wire {
         self.write(sync_manager(3), SyncManager::new(0x1400, 7, SyncManager::INPUTS, true));
     }
 
-    /// A mailbox service and its answer.
+    /// Sends a mailbox service and returns its answer.
     fn mailbox(&mut self, request: &[u8]) -> Vec<u8> {
         let mut message = vec![0; 64];
         message[..request.len()].copy_from_slice(request);
@@ -166,7 +166,7 @@ impl Wire {
         answer
     }
 
-    /// From power-on to SAFEOP; with SYNC0 every millisecond, or without.
+    /// From power-on to SAFEOP, with SYNC0 every millisecond or without.
     fn safe_op(&mut self, dc: bool) {
         assert_eq!(self.ask(AlState::Init), (AlStatus(1), AlStatusCode(0)));
         self.set_mailbox();
@@ -183,7 +183,8 @@ impl Wire {
         assert_eq!((counter, inputs), (1, vec![1; 7]), "inputs stand there from the start");
     }
 
-    /// Frames of some cycles: inputs out, outputs in. The cycle is that of the device's oscillator.
+    /// Runs some cycles with frames: inputs out, outputs in. The cycle is that of the device's
+    /// oscillator.
     fn cycles(&mut self, count: usize, outputs: Option<&[u8; 7]>) {
         for _ in 0..count {
             let end = self.now + CYCLE;
@@ -299,14 +300,14 @@ fn sync_that_is_switched_off_and_on_again() {
     wire.cycles(210, Some(&[1; 7]));
     assert_eq!(wire.device.state(), AlState::Op);
 
-    // Two pulses may be late: a new start time within them is no error, and no event is lost.
+    // Two pulses may be late: a new start time within this time is no error, and no event is lost.
     wire.write(register::SYNC_ACTIVATION, isocat_wire::dc::SyncActivation(0));
     switch_on(&mut wire);
     wire.cycles(50, Some(&[1; 7]));
     assert_eq!(wire.status(), (AlStatus(8), AlStatusCode(0)));
     assert_eq!(wire.device.sync().sm_event_missed(), 0);
 
-    // Off for good, and on after the error: OP is entered again once SYNC0 and outputs are seen.
+    // Off for good, and on after the error: OP is entered again once SYNC0 and outputs come.
     wire.write(register::SYNC_ACTIVATION, isocat_wire::dc::SyncActivation(0));
     wire.cycles(10, None);
     assert_eq!(wire.status(), (AlStatus(0x14), AlStatusCode::FATAL_SYNC_ERROR));
@@ -345,7 +346,7 @@ fn safeop_is_entered_again_while_frames_pass() {
     assert_eq!(wire.ask(AlState::PreOp), (AlStatus(2), AlStatusCode(0)));
     assert_eq!(wire.datagram(Command::Aprd, 0x1400, &[0; 7]).0, 0, "closed in PREOP");
     wire.write(register::AL_CONTROL, isocat_wire::AlControl::request(AlState::SafeOp));
-    // Frames one behind the other: the main loop looks while one of them passes.
+    // Frames follow each other: the main loop reads the ESC while one of them passes.
     for _ in 0..20 {
         wire.read(register::DL_STATUS);
     }

@@ -1,4 +1,4 @@
-//! The device of the stories: a dictionary with something of everything.
+//! The device of the stories: a dictionary with all kinds of objects.
 
 use std::sync::OnceLock;
 
@@ -22,26 +22,26 @@ pub const INPUTS: u16 = 0x1400;
 pub const PROCESS_DATA: u16 = 7;
 /// Text that takes several segments.
 pub const TEXT: ObjectAddress = ObjectAddress::new(0x1008, 0);
-/// Bytes of it.
+/// Length of the text.
 pub const TEXT_LEN: usize = 100;
 /// Bytes that take many segments, writable in every state.
 pub const BLOB: ObjectAddress = ObjectAddress::new(0x2001, 0);
-/// Bytes of it.
+/// Length of the bytes.
 pub const BLOB_LEN: usize = 600;
-/// What no story can change: object, and its value.
+/// Values that no story can change: object and value.
 pub const FIXED: [(ObjectAddress, &[u8]); 4] = [
     (ObjectAddress::new(0x1000, 0), &[0x92, 1, 2, 0]),
     (ObjectAddress::new(0x1C00, 3), &[3]),
     (ObjectAddress::new(0x1C32, 4), &[0x27, 0]),
     (ObjectAddress::new(0x2000, 5), &[1, 2, 3]),
 ];
-/// Objects that requests are mostly about.
+/// Objects of most requests.
 pub const INDICES: [u16; 20] = [
     0x1000, 0x1008, 0x100A, 0x10F1, 0x1600, 0x1A00, 0x1C00, 0x1C12, 0x1C13, 0x1C32, 0x1C33, 0x2000,
     0x2001, 0x2002, 0x2003, 0x2004, 0x3000, 0x6040, 0x6041, 0x607A,
 ];
 
-/// An application that lets 0x2004 be written only to refuse it.
+/// An application that refuses every write of 0x2004.
 pub struct Refusing;
 
 impl Application for Refusing {
@@ -142,13 +142,13 @@ fn objects() -> &'static [Object] {
         ],
     ));
     all.push(var(0x2001, T::OCTET_STRING, RW, vec![7; BLOB_LEN]));
-    // Longer than what the stack can carry.
+    // Longer than a transfer of the stack.
     all.push(var(0x2002, T::OCTET_STRING, RW, vec![7; isocat_subdevice::MAX_TRANSFER + 76]));
     let mut rows = vec![(0, 0, T::UNSIGNED8, RO, vec![200])];
     rows.extend((1..=200).map(|sub| (sub, 32 * u32::from(sub) - 16, T::UNSIGNED32, RW, long(1))));
     all.push(array(0x2003, rows));
     all.push(var(0x2004, T::UNSIGNED32, RW, long(0)));
-    // So many that their list takes fragments.
+    // So many objects that their list takes fragments.
     all.extend((0x3000..0x3060).map(|index| var(index, T::UNSIGNED8, RO, vec![0])));
     let (rx, tx) = (RW.with(Access::RX_MAPPABLE), RO.with(Access::TX_MAPPABLE));
     all.push(var(0x6040, T::UNSIGNED16, rx, word(0)));
@@ -176,7 +176,7 @@ fn array(index: u16, rows: Vec<Row>) -> Draft {
     (index, ObjectCode::ARRAY, rows)
 }
 
-/// The static form, each entry with a place in the value store.
+/// The static form; each entry gets a place in the value store.
 fn place(drafts: Vec<Draft>) -> &'static [Object] {
     let mut store = 0;
     let objects = drafts.into_iter().map(|(index, code, rows)| {

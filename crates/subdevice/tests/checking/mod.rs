@@ -1,16 +1,16 @@
-//! Whatever the bytes: a SubDevice with its mailbox in the hands of a source of arbitrary bytes, and what
-//! must hold.
+//! Checks the invariants of a SubDevice whose mailbox gets arbitrary bytes.
 //!
-//! The bytes are read as a story. Those of [`mailbox`] tell of messages of any form, cut in pieces, with any
-//! counter, repeated; those of [`sdo`] of SDO requests in any order, right and wrong, while the state changes.
-//! Checked on the way:
+//! The bytes are read as a story. Stories of [`mailbox`] have messages of any form, divided, with
+//! any counter, repeated. Stories of [`sdo`] have SDO requests in any order, right and wrong, while
+//! the state changes. These invariants are checked:
 //!
-//! - nothing panics, and the stack writes nowhere but into the areas it has; memory is bounded by its making,
-//!   since it does not allocate;
-//! - each message it sends is one, and in its turn; a request leads to a bounded number of them;
+//! - nothing panics, and the stack writes only into its areas; its memory is bounded, since it does
+//!   not allocate;
+//! - each message that it sends is valid and in order; a request causes a bounded number of
+//!   messages;
 //! - an answer belongs to its request: object, toggle, announced and sent length;
-//! - what was written by a right transfer is read back, and what nobody can write stays;
-//! - the next right request is answered right.
+//! - data of a right transfer is read back, and read-only values stay unchanged;
+//! - the next right request is answered correctly.
 
 mod device;
 mod wire;
@@ -29,7 +29,7 @@ pub fn mailbox(story: &[u8]) {
     let mut source = Source(story);
     let mut wire = Wire::new();
     let mut sent = vec![0; 16];
-    // What may have stopped the mailbox: then the way back is INIT.
+    // Whether an act may have stopped the mailbox: then INIT is needed.
     let mut disturbed = false;
     while !source.0.is_empty() {
         let act = source.byte();
@@ -42,14 +42,14 @@ pub fn mailbox(story: &[u8]) {
                 wire.send_raw(&sent);
             }
             5 => {
-                // A part of a message: it is one as soon as the last byte comes.
+                // A part of a message: it becomes a message as soon as the last byte is written.
                 let start = usize::from(source.byte()) % MAILBOX;
                 let len = 1 + usize::from(source.byte()) % (MAILBOX - start);
                 let data: Vec<u8> = (0..len).map(|_| source.byte()).collect();
                 wire.datagram(Command::Apwr, RECEIVE + start as u16, &data);
             }
             6..=8 if disturbed => {
-                // A SyncManager that is off guards nothing.
+                // A SyncManager that is off guards no memory.
                 wire.datagram(Command::Aprd, SEND, &[0; MAILBOX]);
             }
             6..=8 => {
@@ -85,7 +85,7 @@ pub fn mailbox(story: &[u8]) {
                 }
             }
         }
-        // The device may be slow to look.
+        // The device may be slow to react.
         if act < 0xC0 {
             wire.live();
         }
@@ -99,7 +99,7 @@ pub fn mailbox(story: &[u8]) {
     wire.memory_is_whole();
 }
 
-/// A message for SM0 that is mostly one.
+/// A message for SM0 that is usually valid.
 fn message(source: &mut Source<'_>) -> Vec<u8> {
     let body = match source.byte() % 4 {
         0 => source.bytes(MAILBOX - 6),
@@ -183,12 +183,12 @@ pub fn sdo(story: &[u8]) {
     wire.memory_is_whole();
 }
 
-/// Asks for a state; often for one that can be reached.
+/// Requests a state; often one that can be reached.
 fn state(wire: &mut Wire, source: &mut Source<'_>) {
     match source.byte() % 8 {
         0 => wire.control(AlControl(source.word())),
         1 => wire.recover(),
-        // A cycle between: OP waits for outputs.
+        // A cycle comes in between, since OP waits for outputs.
         ask => {
             if wire.state() == AlState::Init {
                 wire.recover();
@@ -203,7 +203,7 @@ fn state(wire: &mut Wire, source: &mut Source<'_>) {
     }
 }
 
-/// A right transfer, whatever went before: what is written can be read.
+/// A right transfer, after any earlier acts: what is written can be read.
 fn transfer(wire: &mut Wire, source: &mut Source<'_>) {
     if wire.state() == AlState::Init {
         wire.recover();
@@ -248,7 +248,7 @@ fn information(wire: &mut Wire, source: &mut Source<'_>) {
         3 => body.extend([low, high]),
         _ => body.extend([low, high, object.sub, source.byte()]),
     }
-    // Some requests end too soon.
+    // Some requests are truncated.
     if source.byte() >= 0xE0 {
         body.truncate(2 + usize::from(source.byte()) % body.len().saturating_sub(2));
     }
@@ -272,7 +272,7 @@ fn information(wire: &mut Wire, source: &mut Source<'_>) {
     assert_eq!(left, Some(0), "{body:02X?}: {answers:02X?}");
 }
 
-/// An SDO request that is mostly one: body of a mailbox message, CoE header included.
+/// An SDO request that is usually valid: the body of a mailbox message, including the CoE header.
 fn request(source: &mut Source<'_>) -> Vec<u8> {
     let object = source.object();
     let [low, high] = object.index.to_le_bytes();
@@ -298,7 +298,7 @@ fn request(source: &mut Source<'_>) -> Vec<u8> {
     body
 }
 
-/// What an answer must be by its request.
+/// Checks an answer against its request.
 fn check_answer(request: &[u8], (protocol, answer): &(Protocol, Vec<u8>)) {
     let told = format!("{request:02X?} is answered by {answer:02X?}");
     assert_eq!(*protocol, Protocol::COE, "{told}");
@@ -334,7 +334,7 @@ fn check_answer(request: &[u8], (protocol, answer): &(Protocol, Vec<u8>)) {
     }
 }
 
-/// A request and its one answer.
+/// Sends a request and returns its only answer.
 fn ask(wire: &mut Wire, body: &[u8]) -> Result<Vec<u8>, AbortCode> {
     assert!(wire.send(&[&[0, 0x20][..], body].concat()), "SM0 is empty");
     let answers = wire.drain();
@@ -348,7 +348,7 @@ fn ask(wire: &mut Wire, body: &[u8]) -> Result<Vec<u8>, AbortCode> {
     Ok(answer[2..].to_vec())
 }
 
-/// Reads an entry or a whole object, in segments if need be.
+/// Reads an entry or a whole object, in segments if needed.
 fn upload(wire: &mut Wire, object: ObjectAddress, complete: bool) -> Result<Vec<u8>, AbortCode> {
     let [low, high] = object.index.to_le_bytes();
     let command = 0x40 | u8::from(complete) << 4;
@@ -371,7 +371,7 @@ fn upload(wire: &mut Wire, object: ObjectAddress, complete: bool) -> Result<Vec<
     Ok(data)
 }
 
-/// Writes an entry or a whole object, in segments if need be.
+/// Writes an entry or a whole object, in segments if needed.
 fn download(
     wire: &mut Wire,
     object: ObjectAddress,
@@ -399,7 +399,7 @@ fn download(
     Ok(())
 }
 
-/// The bytes that are left of a story; zeros when it is over.
+/// The remaining bytes of a story; zeros at its end.
 struct Source<'a>(&'a [u8]);
 
 impl Source<'_> {
@@ -423,7 +423,7 @@ impl Source<'_> {
         (0..len).map(|_| self.byte()).collect()
     }
 
-    /// An object that exists, more often than not.
+    /// An object that usually exists.
     fn object(&mut self) -> ObjectAddress {
         let index = match self.byte() {
             kind @ 0..0xF0 => INDICES[usize::from(kind) % INDICES.len()],

@@ -1,4 +1,4 @@
-//! A SubDevice behind the software ESC, and the frames that come to it.
+//! A SubDevice behind the software ESC, and frames to it.
 
 use isocat_esc::{Esc, EscEvent, LAN9252};
 use isocat_subdevice::{Event, SubDevice};
@@ -13,21 +13,21 @@ use isocat_wire::{AlControl, AlState, AutoIncrementAddress, Command, Nanos, Regi
 
 use super::device::{INPUTS, MAILBOX, OUTPUTS, PROCESS_DATA, RECEIVE, Refusing, SEND, description};
 
-/// Most messages that one request can lead to: the fragments of the longest list, and what was repeated.
+/// Most messages that one request can cause: the fragments of the longest list, and repetitions.
 const MOST_MESSAGES: usize = 12;
 
-/// The device, its ESC, and what a MainDevice remembers of the messages.
+/// The device, its ESC, and a MainDevice's memory of the messages.
 pub struct Wire {
     esc: Esc<Vec<u8>>,
     device: SubDevice<Refusing, Vec<u8>>,
     now: Time<Device>,
-    /// The counter of the last message in SM0 that was whole.
+    /// The counter of the last complete message in SM0.
     sent: u8,
-    /// The message read last; `None` when anything may come next.
+    /// The last message read; `None` if any message may come next.
     last: Option<Vec<u8>>,
-    /// The repeat bit was toggled, and the device has not seen it.
+    /// Whether the repeat bit was toggled and the device has not seen it.
     toggled: bool,
-    /// It has: the same message may come again.
+    /// Whether the device has seen it: the same message may come again.
     repeating: bool,
 }
 
@@ -56,7 +56,7 @@ impl Wire {
         wire
     }
 
-    /// One datagram in a frame of its own, which the device does not look at yet.
+    /// Sends one datagram in a separate frame, to which the device does not react yet.
     pub fn datagram(&mut self, command: Command, address: u16, data: &[u8]) -> (u16, Vec<u8>) {
         let mut buffer = [0; 400];
         let mut frame = FrameWriter::new(&mut buffer, [2; 6]);
@@ -82,7 +82,7 @@ impl Wire {
         self.datagram(Command::Apwr, register.address, bytes.as_ref());
     }
 
-    /// The device looks at what came: interrupts, then timers, then the main loop.
+    /// Lets the device react: interrupts, then timers, then the main loop.
     pub fn live(&mut self) {
         self.repeating |= std::mem::take(&mut self.toggled);
         for _ in 0..4 {
@@ -95,25 +95,25 @@ impl Wire {
                 self.poll();
             }
             self.poll();
-            // What the ESC does at the end of a frame has been done by then.
+            // Changes that the ESC makes at the end of a frame are complete by then.
             self.now += Nanos::micros(10);
         }
     }
 
-    /// Time passes.
+    /// Lets time pass.
     pub fn pass(&mut self, span: Nanos) {
         self.now += span;
     }
 
-    /// Asks for a state as it stands in the AL control register.
+    /// Requests a state by a value of the AL control register.
     pub fn control(&mut self, control: AlControl) {
         self.write(register::AL_CONTROL, control);
         self.live();
-        // The mailbox may have begun anew, and its counters with it.
+        // The mailbox may have started again, with new counters.
         self.forget();
     }
 
-    /// Sets the process data SyncManagers right.
+    /// Configures the process data SyncManagers correctly.
     pub fn set_process_data(&mut self) {
         let outputs = SyncManager::new(OUTPUTS, PROCESS_DATA, SyncManager::OUTPUTS, true);
         self.write(sync_manager(2), outputs);
@@ -121,7 +121,7 @@ impl Wire {
         self.write(sync_manager(3), inputs);
     }
 
-    /// One cycle of process data.
+    /// Runs one cycle of process data.
     pub fn exchange(&mut self) {
         self.datagram(Command::Apwr, OUTPUTS, &[1; PROCESS_DATA as usize]);
         self.live();
@@ -129,7 +129,7 @@ impl Wire {
         self.live();
     }
 
-    /// Whatever happened: the way back to work is INIT.
+    /// Recovers from any act: INIT is always possible.
     pub fn recover(&mut self) {
         self.control(AlControl(0x11));
         assert_eq!(self.device.state(), AlState::Init, "INIT is always reached");
@@ -153,21 +153,21 @@ impl Wire {
         self.device.state()
     }
 
-    /// Writes a message into SM0, whole; `false` if it is still full.
+    /// Writes a complete message into SM0; returns `false` if it is still full.
     pub fn send_raw(&mut self, message: &[u8]) -> bool {
         let mut whole = [0; MAILBOX];
         whole[..message.len()].copy_from_slice(message);
         self.datagram(Command::Apwr, RECEIVE, &whole).0 == 1
     }
 
-    /// Writes a service into SM0 with a counter that the device did not see last.
+    /// Writes a service into SM0 with a new counter.
     pub fn send(&mut self, body: &[u8]) -> bool {
         let counter = next_counter(self.sent);
         let header = Header::new(body.len() as u16, 0, Protocol::COE, counter);
         self.send_raw(&[&header.emit()[..], body].concat())
     }
 
-    /// Reads SM1, if something is in it, and checks that it is a message in its turn.
+    /// Reads SM1, if it is full, and checks that the message is valid and in order.
     pub fn receive(&mut self) -> Option<(Protocol, Vec<u8>)> {
         let (counter, bytes) = self.datagram(Command::Aprd, SEND, &[0; MAILBOX]);
         if counter == 0 {
@@ -201,12 +201,12 @@ impl Wire {
         self.toggled = true;
     }
 
-    /// What the MainDevice remembers is worth nothing any more: it disturbed the mailbox.
+    /// Forgets the last message, because the mailbox was disturbed.
     pub fn forget(&mut self) {
         self.last = None;
     }
 
-    /// Reads all that waits.
+    /// Reads all waiting messages.
     pub fn drain(&mut self) -> Vec<(Protocol, Vec<u8>)> {
         let mut all = Vec::new();
         self.live();
@@ -218,7 +218,7 @@ impl Wire {
         all
     }
 
-    /// Reads what waits, and asks for something known: 0x100A:00 is `08`.
+    /// Reads all waiting messages, and requests a known value: 0x100A:00 is `08`.
     pub fn answers(&mut self) {
         self.drain();
         assert!(self.send(&[0, 0x20, 0x40, 0x0A, 0x10, 0, 0, 0, 0, 0]), "SM0 is empty");
@@ -226,7 +226,8 @@ impl Wire {
         assert_eq!(self.drain(), [(Protocol::COE, expected)]);
     }
 
-    /// A request that comes twice is answered once, and the answer comes again when it is asked for.
+    /// Checks that a request that comes twice is answered once, and that the answer is repeated on
+    /// request.
     pub fn repeats(&mut self) {
         let message = self.last.clone().expect("an answer was read");
         let request = self.esc.ram()[..MAILBOX].to_vec();
@@ -241,7 +242,7 @@ impl Wire {
         }
     }
 
-    /// The device and its ESC wrote nothing outside the areas they have.
+    /// Checks that the device and its ESC wrote nothing outside their areas.
     pub fn memory_is_whole(&self) {
         let areas = [
             (RECEIVE, MAILBOX),
@@ -258,7 +259,7 @@ impl Wire {
     }
 
     fn events(&mut self) {
-        // A SYNC unit is never started here, so events come from frames only.
+        // SYNC is never started here, so events come from frames only.
         while let Some((_, event)) = self.esc.step(self.now) {
             if let EscEvent::FrameEnd { al_events } = event {
                 for (number, event) in [(2, Event::Sm2), (3, Event::Sm3)] {
@@ -288,12 +289,12 @@ impl Wire {
     }
 }
 
-/// A CoE service that a device may send.
+/// Checks a CoE service that a device may send.
 fn check_service(body: &[u8]) {
     let service = Service(body[1] >> 4);
     match service {
         Service::SDO_RESPONSE => assert!(body.len() >= 10, "{body:02X?}"),
-        // The only request of a device is an abort, and it has a code that is one.
+        // The only request of a device is an abort, with a valid code.
         Service::SDO_REQUEST => {
             assert_eq!((body.len(), body[2]), (10, 0x80), "{body:02X?}");
             let code = u32::from_le_bytes(body[6..10].try_into().expect("4 bytes"));

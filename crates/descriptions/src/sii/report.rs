@@ -187,7 +187,7 @@ pub struct Category {
 pub struct DoubtReport {
     /// Its fixed name.
     pub kind: &'static str,
-    /// Its word.
+    /// Its word in the image.
     pub word: usize,
     /// The expected value.
     pub expected: String,

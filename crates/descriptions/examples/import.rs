@@ -1,5 +1,5 @@
-//! Reads all descriptions that are named, files and folders, in one process, and prints how many bytes and devices they have.
-//! `benches/import.sh` measures how long that takes.
+//! Reads all given descriptions, files and folders, in one process, and prints their number of
+//! bytes and devices. `benches/import.sh` measures the time.
 
 use std::path::{Path, PathBuf};
 

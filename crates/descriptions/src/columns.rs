@@ -1,6 +1,7 @@
-//! Text in the columns of a terminal: lines that break at spaces, words that are cut.
+//! Text in the columns of a terminal: lines that break at spaces, and words that are cut.
 
-/// Breaks `text` into lines of `width` characters at most, at spaces; a word longer than the width stays whole.
+/// Breaks `text` into lines of `width` characters at most, at spaces; a word longer than the width
+/// stays whole.
 pub fn wrap(text: &str, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
@@ -15,7 +16,7 @@ pub fn wrap(text: &str, width: usize) -> Vec<String> {
     lines
 }
 
-/// Keeps the last `columns` characters: of a path the name of the file.
+/// Keeps the last `columns` characters, so that a path keeps its file name.
 pub fn cut_front(text: &str, columns: usize) -> String {
     let all = text.chars().count();
     if all <= columns {
@@ -24,7 +25,7 @@ pub fn cut_front(text: &str, columns: usize) -> String {
     std::iter::once('…').chain(text.chars().skip(all - columns + 1)).collect()
 }
 
-/// Keeps the first `columns` characters, with an ellipsis for what is left out.
+/// Keeps the first `columns` characters, with an ellipsis for the rest.
 pub fn cut(text: &str, columns: usize) -> String {
     if text.chars().count() <= columns {
         return text.to_owned();
@@ -32,14 +33,14 @@ pub fn cut(text: &str, columns: usize) -> String {
     text.chars().take(columns - 1).chain(['…']).collect()
 }
 
-/// Without styles: what stands between ESC and `m` is left out.
+/// Removes styles: everything between ESC and `m` is left out.
 pub fn plain(text: &str) -> String {
     let mut parts = text.split('\u{1b}');
     let first = parts.next().unwrap_or_default().to_owned();
     parts.fold(first, |all, part| all + part.split_once('m').map_or(part, |(_, rest)| rest))
 }
 
-/// Columns of the texts that isocat prints.
+/// Width of isocat's texts, in columns.
 pub const WIDTH: usize = 100;
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! TOML files with a place for every error: tables and values that know where they stand.
+//! TOML files with a place for every error: tables and values that know their place.
 
 use std::fmt;
 use std::ops::{Deref, RangeInclusive};
@@ -15,12 +15,13 @@ pub mod section;
 
 use section::Word;
 
-/// What is wrong in a file, and where. Prints in one line, or two with a hint.
-/// Its parts are those of [`Wrong`].
+/// An error in a file, with its place. It prints in one line, or two with a hint. Its parts are
+/// those of [`Wrong`].
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct FileError(Box<Wrong>);
 
-/// The parts of a [`FileError`], which has them on the heap: each step of a reader hands one on.
+/// The parts of a [`FileError`], which stores them on the heap because each step of a reader passes
+/// errors on.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Wrong {
     /// The file, as the user named it.
@@ -29,25 +30,25 @@ pub struct Wrong {
     pub line: usize,
     /// Column in characters, from 1; 0 if the file could not be read at all.
     pub column: usize,
-    /// What is wrong and what was expected.
+    /// The problem and the expected value.
     pub message: String,
-    /// What may have been meant, or which names there are.
+    /// The name that was probably meant, or the existing names.
     pub hint: Option<String>,
 }
 
 impl FileError {
-    /// Of its parts.
+    /// The error with these parts.
     pub fn new(wrong: Wrong) -> Self {
         Self(Box::new(wrong))
     }
 
-    /// The file could not be read.
+    /// The error that the file could not be read.
     pub fn unreadable(path: &str, reason: &std::io::Error) -> Self {
         let message = format!("can't be read: {reason}");
         Self::new(Wrong { path: path.to_owned(), line: 0, column: 0, message, hint: None })
     }
 
-    /// The same with a hint.
+    /// Adds a hint.
     pub fn with_hint(mut self, hint: impl Into<String>) -> Self {
         self.0.hint = Some(hint.into());
         self
@@ -78,8 +79,8 @@ impl fmt::Display for FileError {
 
 impl std::error::Error for FileError {}
 
-/// A hint for `unknown` among `known`: the nearest name if there is one, then all of them, or some if there
-/// are many.
+/// A hint for `unknown` among `known`: the nearest name if there is one, then all of them, or some
+/// if there are many.
 pub fn name_hint<'k>(unknown: &str, known: impl IntoIterator<Item = &'k str>) -> String {
     let known: Vec<&str> = known.into_iter().collect();
     let all = match known.len() {
@@ -94,9 +95,9 @@ pub fn name_hint<'k>(unknown: &str, known: impl IntoIterator<Item = &'k str>) ->
     }
 }
 
-/// Most names that a hint lists.
+/// Largest number of names that a hint lists completely.
 const MOST_NAMES: usize = 32;
-/// Names of which some are told.
+/// Number of names that a hint lists otherwise.
 const SOME_NAMES: usize = 5;
 
 /// The name that `unknown` was probably meant to be: one that contains it, or one a few typing
@@ -114,7 +115,7 @@ pub fn nearest<'k>(unknown: &str, known: &[&'k str]) -> Option<&'k str> {
     })
 }
 
-/// A file's text under the name that errors give it.
+/// A file's text with its name in errors.
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
     /// Name in errors.
@@ -135,7 +136,7 @@ pub struct FilePlace {
 }
 
 impl FilePlace {
-    /// An error about what stands there.
+    /// An error at this place.
     pub fn error(&self, message: impl Into<String>) -> FileError {
         let Self { path, line, column } = self.clone();
         let message = limits::cut(&message.into(), limits::MESSAGE);
@@ -160,7 +161,7 @@ impl<'a> Source<'a> {
         self.place(at).error(message)
     }
 
-    /// Where XML belongs.
+    /// A hint if the text is XML.
     fn xml_hint(&self) -> Option<String> {
         let text = self.text.trim_start_matches('\u{feff}').trim_start();
         let path = self.path;
@@ -173,7 +174,7 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// The document, or where it is no TOML.
+    /// The document, or the place where it is not TOML.
     pub fn parse(&self) -> Result<Spanned<DeTable<'a>>, FileError> {
         limits::check(self.path, self.text.len(), limits::TOML)?;
         DeTable::parse(self.text).map_err(|error| {
@@ -186,13 +187,13 @@ impl<'a> Source<'a> {
     }
 }
 
-/// A table and what messages call it.
+/// A table and its name in messages.
 #[derive(Clone, Copy, Debug)]
 pub struct Table<'a> {
     source: Source<'a>,
     entries: &'a DeTable<'a>,
     name: &'a str,
-    /// Byte at which it begins.
+    /// Byte offset of its begin.
     pub at: usize,
 }
 
@@ -202,7 +203,7 @@ impl<'a> Table<'a> {
         Self { source, entries: document.get_ref(), name: "the top level", at: 0 }
     }
 
-    /// A table without keys, in the place of this one.
+    /// A table without keys, at the place of this one.
     fn empty(&self, name: &'a str) -> Self {
         static EMPTY: LazyLock<DeTable<'static>> = LazyLock::new(DeTable::new);
         Self { entries: &EMPTY, name, ..*self }
@@ -233,12 +234,12 @@ impl<'a> Table<'a> {
         Some(Value { source: self.source, name: key, value })
     }
 
-    /// The value of a key that must be there; `expected` says in the error what it should be.
+    /// The value of a required key; `expected` describes it in the error.
     pub fn required(&self, key: &'a str, expected: &str) -> Result<Value<'a>, FileError> {
         self.value(key).ok_or_else(|| self.lacks(key, expected))
     }
 
-    /// The error that a key is not there.
+    /// The error that a key is missing.
     pub fn lacks(&self, key: &str, expected: &str) -> FileError {
         self.error(format!("{} lacks the key \"{key}\"; expected {expected}", self.name))
     }
@@ -265,8 +266,8 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// The value of a key of this table or of one below it (`esc.chip`) as the file writes it; a long
-    /// one is told by its size.
+    /// The value of a key of this table or of one below it (`esc.chip`) as written in the file; for
+    /// a long one, its size.
     pub fn lookup(&self, path: &str) -> Option<String> {
         let mut entries = self.entries;
         let mut keys = path.split('.').peekable();
@@ -291,7 +292,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// A value, with the key it stands under.
+/// A value with its key.
 #[derive(Clone, Copy, Debug)]
 pub struct Value<'a> {
     source: Source<'a>,
@@ -300,22 +301,22 @@ pub struct Value<'a> {
 }
 
 impl<'a> Value<'a> {
-    /// Byte at which it begins.
+    /// Byte offset of its begin.
     pub fn at(&self) -> usize {
         self.value.span().start
     }
 
-    /// Where it stands.
+    /// Its place.
     pub fn place(&self) -> FilePlace {
         self.source.place(self.at())
     }
 
-    /// An error about it.
+    /// An error at the value.
     pub fn error(&self, message: impl Into<String>) -> FileError {
         self.source.error(self.at(), message)
     }
 
-    /// As the file writes it.
+    /// The value as written in the file.
     pub fn written(&self) -> &'a str {
         self.source.text.get(self.value.span()).unwrap_or_default()
     }
@@ -325,7 +326,7 @@ impl<'a> Value<'a> {
         self.as_string().ok_or_else(|| self.unexpected(expected))
     }
 
-    /// A text of 1 to 255 bytes, as the SII and the dictionary can hold it.
+    /// A text of 1 to 255 bytes, the limit of the SII and the dictionary.
     pub fn name(&self, expected: &str) -> Result<&'a str, FileError> {
         match self.string(expected)? {
             "" => Err(self.error(format!("{} is empty; expected {expected}", self.name))),
@@ -346,7 +347,7 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// An integer, if it is one that fits into 64 bits.
+    /// An integer; `None` if it is none or does not fit into 64 bits.
     pub fn as_integer(&self) -> Option<i64> {
         match self.value.get_ref() {
             DeValue::Integer(integer) => {
@@ -370,13 +371,13 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// A decimal number with a unit behind it, within a range.
+    /// A decimal number with its unit, within a range.
     pub fn decimal(&self, range: RangeInclusive<f64>, unit: &str) -> Result<f64, FileError> {
         let (least, most) = (range.start(), range.end());
         let expected = format!("a number with its unit from \"{least}{unit}\" to \"{most}{unit}\"");
         let text = self.string(&expected)?;
         let number = text.trim().strip_suffix(unit).map(str::trim).filter(|number| {
-            // Rust also reads "inf" and "1e3", which the schema does not have.
+            // Rust also reads "inf" and "1e3", which the schema does not allow.
             !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit() || b"+-.".contains(&b))
         });
         match number.and_then(|number| number.parse().ok()) {
@@ -469,7 +470,7 @@ impl<'a> Value<'a> {
         )))
     }
 
-    /// What one of a few words stands for.
+    /// The value that belongs to one of a few words.
     pub fn one_of<T: Copy>(&self, words: &[Word<T>]) -> Result<T, FileError> {
         let text = self.string("a name in quotes")?;
         words.iter().find(|(word, ..)| *word == text).map(|(.., value)| *value).ok_or_else(|| {

@@ -1,13 +1,16 @@
-//! ENI: what a configuration tool wrote for a MainDevice (ETG.2100), read into a [`StartUp`] list and written
-//! from one.
+//! ENI: the output of a configuration tool for a MainDevice (ETG.2100), read into a [`StartUp`]
+//! list and written from one.
 //!
-//! Bytes become a tree (`tree`), the tree an [`Eni`] (`read`, `slave`): the list, what the list has no place for
-//! (PDOs with their entries), and every doubt as a [`Warning`] of a fixed name with its place. What is broken is a
-//! [`FileError`] with line and column. A file that is well-formed may still be nothing that a MainDevice can run:
-//! [`Eni::runnable`] says why. [`write`](fn@write) makes an ENI of a list; what ENI can't say stands in comments.
+//! Bytes become a tree (`tree`), and the tree an [`Eni`] (`read`, `slave`): the list, the parts for
+//! which the list has no place (PDOs with their entries), and every doubt as a [`Warning`] of a
+//! fixed name with its place. A broken file is a [`FileError`] with line and column. A well-formed
+//! file may still be impossible for a MainDevice to run: [`Eni::runnable`] gives the reasons.
+//! [`write`](fn@write) makes an ENI from a list, with comments for the parts that ENI cannot
+//! express.
 //!
-//! Two things in every ENI are not to be taken literally: the start time (0x0990) is a placeholder, which the
-//! MainDevice replaces by an instant ahead; and delays and offsets (0x0920, 0x0928) are never there, it measures them.
+//! Two things in every ENI are not literal. The start time (0x0990) is a placeholder, which the
+//! MainDevice replaces by an instant in the future. Delays and offsets (0x0920, 0x0928) are never
+//! included: the MainDevice measures them.
 
 mod read;
 mod slave;
@@ -28,33 +31,33 @@ use crate::start_up::StartUp;
 /// Version of the JSON document.
 pub const FORMAT: &str = "isocat-eni/1";
 
-/// An ENI, read.
+/// The content of an ENI.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Eni {
-    /// The file, as errors name it.
+    /// The name of the file in errors.
     pub path: String,
     /// EtherCATConfig@Version; empty if it is missing.
     pub version: String,
-    /// What is written at start and in each cycle. Its cycle is 0 if the file does not tell it.
+    /// The writes at start and in each cycle. Its cycle is 0 if the file does not state it.
     pub start_up: StartUp,
-    /// Of each SubDevice what the list has no place for, by position.
+    /// The parts of each SubDevice for which the list has no place, by position.
     pub slaves: Vec<EniSlave>,
-    /// The cycle of each `Cyclic`, ns; `None` where it is missing.
+    /// The cycle of each `Cyclic`, ns; `None` if it is missing.
     pub cycles_ns: Vec<Option<i64>>,
     /// Every doubt, in the order of the file.
     pub warnings: Vec<Warning>,
 }
 
-/// What an ENI says of a SubDevice besides its part of the list.
+/// A SubDevice's data in an ENI besides its part of the list.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct EniSlave {
-    /// Auto-increment address, as the file has it; `None` if it is missing.
+    /// Auto-increment address, as in the file; `None` if it is missing.
     pub auto_increment: Option<u16>,
-    /// PDOs with their entries, whether they are assigned or not, outputs and inputs in the order of the file.
+    /// PDOs with their entries, assigned or not, outputs and inputs in the order of the file.
     pub pdos: Vec<EniPdo>,
     /// Mailbox protocols: `CoE`, `FoE` …
     pub protocols: Vec<String>,
-    /// It belongs to a group that may be missing.
+    /// Whether it belongs to a group that may be missing.
     pub hot_connect: bool,
 }
 
@@ -63,7 +66,7 @@ pub struct EniSlave {
 pub struct EniPdo {
     /// Its index.
     pub index: u16,
-    /// The MainDevice writes it (`RxPdo`).
+    /// Whether the MainDevice writes it (`RxPdo`).
     pub outputs: bool,
     /// Its name.
     pub name: String,
@@ -90,12 +93,13 @@ impl Eni {
         Self::from_bytes(&name, &limits::read(&name, limits::XML)?)
     }
 
-    /// Reads the bytes of a file that errors call `path`.
+    /// Reads the bytes of a file; `path` names it in errors.
     pub fn from_bytes(path: &str, bytes: &[u8]) -> Result<Self, FileError> {
         read::read(path, bytes)
     }
 
-    /// What was read, for programs: the list, the doubts, and what keeps a MainDevice from running it.
+    /// The content for programs: the list, the doubts, and the reasons why a MainDevice cannot run
+    /// it.
     pub fn json(&self) -> String {
         let document = Document {
             format: FORMAT,
@@ -107,7 +111,7 @@ impl Eni {
         json.expect("texts and numbers can be written as JSON") + "\n"
     }
 
-    /// The list, or everything that keeps a MainDevice from running it.
+    /// The list, or all reasons why a MainDevice cannot run it.
     pub fn runnable(&self) -> Result<&StartUp, Vec<String>> {
         let mut reasons = Vec::new();
         let list = &self.start_up;

@@ -1,15 +1,15 @@
-//! ESI: device descriptions of makers (ETG.2000), read into plain values.
+//! ESI: device descriptions by vendors (ETG.2000), read into plain values.
 //!
-//! Bytes become text (`decode`), text a tree (`tree`, which bounds what a file may ask for), the tree
-//! an [`EsiFile`] of [`EsiDevice`]s. Every value keeps the byte at which it stands, so that whoever uses it later can
-//! still say where. Three kinds of trouble are told apart:
+//! Bytes become text (`decode`), text a tree (`tree`, which limits the effort for a file), and the
+//! tree an [`EsiFile`] of [`EsiDevice`]s. Every value keeps its byte offset, so that later errors
+//! can name its place. There are three kinds of problems:
 //!
-//! * A file that is not well-formed, or asks for too much, is refused as a whole: a [`FileError`] with line and
-//!   column. Nothing of it is imported.
-//! * A device that can't be read (a broken number, say) is refused with its place; its neighbours stay:
-//!   [`EsiFile::refused`].
-//! * What can be read in more than one way is taken in one way, and a [`Warning`] of a fixed name says
-//!   which.
+//! * A file that is not well-formed, or exceeds a limit, is refused as a whole: a [`FileError`]
+//!   with line and column. Nothing of it is imported.
+//! * A device that can't be read (a broken number, say) is refused with its place; its neighbours
+//!   stay: [`EsiFile::refused`].
+//! * A part that can be read in more than one way is read in one of them, and a [`Warning`] of a
+//!   fixed name says which.
 //!
 //! ```
 //! use isocat_descriptions::esi::EsiFile;
@@ -69,12 +69,12 @@ use tree::{Element, Malformed, Problem};
 use warning::Warnings;
 pub use warning::{Warning, WarningKind};
 
-/// A description, read.
+/// The content of a description.
 #[derive(Clone, Debug)]
 pub struct EsiFile {
-    /// The file, as errors name it.
+    /// The name of the file in errors.
     pub path: String,
-    /// How its bytes were read.
+    /// Encoding of its bytes.
     pub encoding: Encoding,
     /// `Vendor/Id`; 0 for a file of modules, which may have none.
     pub vendor_id: u32,
@@ -91,9 +91,9 @@ pub struct EsiFile {
     /// Doubts about the file as a whole.
     pub file_warnings: Vec<Warning>,
     text: String,
-    /// Byte at which each line begins; made when the first place is asked for.
+    /// Byte offset of each line, computed when the first place is requested.
     lines: OnceLock<Vec<usize>>,
-    /// Fingerprints of the files whose modules it took in.
+    /// Fingerprints of the files whose modules were added.
     other_texts: Vec<u64>,
 }
 
@@ -107,7 +107,7 @@ pub struct Place {
 }
 
 impl EsiFile {
-    /// Reads a file from disk, of [`limits::XML`] bytes at most.
+    /// Reads a file from disk, of at most [`limits::XML`] bytes.
     pub fn read(path: &str) -> Result<Self, FileError> {
         Self::from_bytes(path, &limits::read(path, limits::XML)?)
     }
@@ -124,7 +124,8 @@ impl EsiFile {
                 hint: None,
             })
         })?;
-        // XML has one line end. Places do not move, and the parser is faster where it need not look for it.
+        // XML normalizes line ends. Places do not change, and the parser is faster without the
+        // search.
         let text = match decoded.text.contains('\r') {
             true => Cow::Owned(decoded.text.replace("\r\n", "\n")),
             false => decoded.text,
@@ -182,7 +183,7 @@ impl EsiFile {
         warnings: &mut Warnings,
         refused: &mut Vec<Problem>,
     ) -> Result<(), Problem> {
-        // A file of modules has its list at the top.
+        // A file of modules has its list at the top level.
         let (is_module_file, descriptions) = match root.name() {
             "EtherCATInfo" => (false, root.child("Descriptions")),
             "EtherCATModule" => (true, Some(root.child("Descriptions").unwrap_or(root))),
@@ -246,7 +247,7 @@ impl EsiFile {
         Ok(())
     }
 
-    /// What only all devices together tell: who is hidden, who stands twice.
+    /// Checks that need all devices: hidden ones and repeated ones.
     fn compare(&mut self, list: Option<Element<'_>>) {
         let mut hidden = HashSet::new();
         for element in list.iter().flat_map(|list| list.children("Device")) {
@@ -276,8 +277,8 @@ impl EsiFile {
         }
     }
 
-    /// Takes in the modules of another file, whose devices are not looked at. Where something of them is doubted later, it
-    /// stands at the slot that has the module.
+    /// Adds the modules of another file; its devices are ignored. Later doubts about these modules
+    /// are reported at the slot with the module.
     pub fn add_modules(&mut self, other: Self) {
         self.other_texts.push(other.fingerprint());
         let own = |file: Option<String>| Some(file.unwrap_or_else(|| other.path.clone()));
@@ -286,12 +287,12 @@ impl EsiFile {
         self.refused.extend(other.refused);
     }
 
-    /// The text, decoded.
+    /// The decoded text.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Tells texts of one path apart.
+    /// A hash that distinguishes texts of the same path.
     pub fn fingerprint(&self) -> u64 {
         let mut hasher = std::hash::DefaultHasher::new();
         self.text.hash(&mut hasher);
@@ -299,7 +300,7 @@ impl EsiFile {
         hasher.finish()
     }
 
-    /// Line and column of a byte of the text.
+    /// Line and column of a byte offset.
     pub fn place(&self, at: usize) -> Place {
         let lines = self.lines.get_or_init(|| line_starts(&self.text));
         let line = lines.partition_point(|start| *start <= at);
@@ -308,7 +309,7 @@ impl EsiFile {
         Place { line: line.max(1), column: before.chars().count() + 1 }
     }
 
-    /// An error about something at a byte of the text.
+    /// An error at a byte offset of the text.
     pub fn error(&self, at: usize, message: impl Into<String>) -> FileError {
         let Place { line, column } = self.place(at);
         FileError::new(Wrong {
@@ -331,7 +332,8 @@ impl EsiFile {
     }
 }
 
-/// The code of a data type as PDOs name it; a name that is unknown or does not fit counts by its bits.
+/// The code of a data type by its name in PDOs; if the name is unknown or does not fit, by its
+/// bits.
 pub fn data_type(name: &str, bits: u32) -> isocat_wire::coe::DataType {
     dictionary::by_name(name, bits).unwrap_or_else(|| dictionary::by_bits(bits))
 }
@@ -341,9 +343,9 @@ fn line_starts(text: &str) -> Vec<usize> {
     std::iter::once(0).chain(newlines.map(|(at, _)| at + 1)).collect()
 }
 
-/// The richest file that is known has 147.
+/// The largest known file has 147.
 const MOST_DEVICES: usize = 10_000;
-/// Of a list of references no more is kept.
+/// Largest number of references that are kept.
 const MOST_REFERENCES: usize = 16;
-/// Entries of all dictionaries together: some 100 MB.
+/// Limit of the entries of all dictionaries together: some 100 MB.
 const MOST_ENTRIES: usize = 1_000_000;

@@ -1,11 +1,13 @@
 //! Descriptions of EtherCAT devices and networks as typed values.
 //!
-//! [`esi`] reads makers' device descriptions, [`eni`] reads and writes network descriptions, [`sii`] contents of EEPROMs. [`start_up`] is the list of what a
-//! MainDevice writes to each SubDevice on the way up, in ENI's shape. [`document`] gives errors in files their place (file, line,
-//! column, expected, found), [`quantity`] reads durations, lengths and clock deviations, [`columns`] lays out text for a terminal,
-//! [`markup`] for XML.
+//! [`esi`] reads device descriptions by vendors, [`eni`] reads and writes network descriptions,
+//! [`sii`] contents of EEPROMs. [`start_up`] is the list of a MainDevice's writes to each SubDevice
+//! on the way up, in the structure of ENI. [`document`] gives errors in files their place (file,
+//! line, column, expected, found), [`quantity`] reads durations, lengths and clock deviations,
+//! [`columns`] formats text for a terminal, [`markup`] for XML.
 //!
-//! Nothing here knows a simulator, a MainDevice or a plan: bytes of a file come in, values with their places come out.
+//! This crate does not depend on a simulator, a MainDevice or a plan: bytes of a file come in,
+//! values with their places come out.
 #![forbid(unsafe_code)]
 
 pub mod columns;

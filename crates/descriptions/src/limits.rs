@@ -1,7 +1,8 @@
-//! How much of anything is taken from outside: files, and what comes over sockets.
+//! Limits of all external input: files, and data from sockets.
 //!
-//! All limits stand here. What is longer, deeper or more is refused with the place, what was expected and what was found,
-//! before it costs memory or time: whatever a file or a peer sends, reading it is bounded.
+//! All limits are defined here. Input that is longer, deeper or more is refused with the place, the
+//! expected and the found value, before it costs memory or time. So the effort of reading is
+//! bounded, whatever a file or a peer sends.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -10,12 +11,12 @@ use crate::document::{FileError, Wrong};
 
 /// Longest XML file (ESI, ENI), bytes. The longest published one has 60 MB.
 pub const XML: usize = 64 << 20;
-/// Longest TOML file (segment files, profiles), bytes: 256 for each of 65 535 devices. What is read of it takes some
-/// fifty times its size.
+/// Longest TOML file (segment files, profiles), bytes: 256 for each of 65 535 devices. In memory it
+/// takes some fifty times its size.
 pub const TOML: usize = 16 << 20;
 /// Longest EEPROM image (SII), bytes: the largest EEPROM that an ESC addresses, 4 Mbit.
 pub const SII: usize = 512 << 10;
-/// Longest capture, bytes: it is held in memory twice.
+/// Longest capture, bytes. It is held in memory twice.
 pub const CAPTURE: usize = 1 << 30;
 
 /// Depth of elements in XML. The schema of ESI files nests 15 deep.
@@ -24,18 +25,19 @@ pub const DEPTH: usize = 64;
 pub const ATTRIBUTES: usize = 64;
 /// Declarations of namespaces in an XML file.
 pub const NAMESPACES: usize = 64;
-/// Elements and texts of an XML file. A description of 4 MB has 200 000, a network of 10 000 SubDevices a tenth of the limit, which
-/// takes some 800 MB.
+/// Elements and texts of an XML file. A description of 4 MB has 200 000, and a network of 10 000
+/// SubDevices a tenth of the limit. The limit takes some 800 MB.
 pub const NODES: u32 = 10_000_000;
 
-/// Characters of a name that is compared with the known ones for a hint: the time grows with the square.
+/// Characters of a name that is compared with the known ones for a hint; the time grows with the
+/// square.
 pub const NAME: usize = 64;
-/// Characters of an error's message: it may repeat what stands in the file.
+/// Characters of an error's message, which may quote the file.
 pub const MESSAGE: usize = 1_000;
 
 /// Longest request over a control socket, bytes.
 pub const CONTROL_REQUEST: usize = 4 << 10;
-/// Longest answer over a control socket, bytes: a status of 65 535 SubDevices is half as long.
+/// Longest answer over a control socket, bytes. A status of 65 535 SubDevices is half as long.
 pub const CONTROL_ANSWER: usize = 64 << 20;
 /// Clients of a control socket at a time.
 pub const CONTROL_CLIENTS: usize = 64;
@@ -47,7 +49,8 @@ pub const HTTP_FIELDS: usize = 64;
 /// HTTP clients at a time.
 pub const HTTP_CLIENTS: usize = 16;
 
-/// The bytes of a file that has `most` of them at most. One that does not end, such as a device, is left there.
+/// The bytes of a file with at most `most` bytes. Reading stops after that even if the file has no
+/// end, such as a device.
 pub fn read(path: &str, most: usize) -> Result<Vec<u8>, FileError> {
     let unreadable = |error: io::Error| FileError::unreadable(path, &error);
     let file = File::open(path).map_err(unreadable)?;
@@ -57,7 +60,7 @@ pub fn read(path: &str, most: usize) -> Result<Vec<u8>, FileError> {
     Ok(bytes)
 }
 
-/// The same of a text in UTF-8.
+/// The same for a text in UTF-8.
 pub fn read_text(path: &str, most: usize) -> Result<String, FileError> {
     String::from_utf8(read(path, most)?).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
@@ -68,18 +71,18 @@ pub fn read_text(path: &str, most: usize) -> Result<String, FileError> {
     })
 }
 
-/// Refuses what is too long.
+/// Refuses a `length` above `most`.
 pub fn check(path: &str, length: usize, most: usize) -> Result<(), FileError> {
     if length <= most {
         return Ok(());
     }
-    // Reading stops one byte behind the limit.
+    // Reading stops one byte after the limit.
     let found = if length == most + 1 { format!("more than {most}") } else { length.to_string() };
     let message = format!("too long: expected at most {most} bytes, found {found}");
     Err(FileError::new(Wrong { path: path.to_owned(), line: 1, column: 1, message, hint: None }))
 }
 
-/// The first `most` characters of a text, and an ellipsis where it was longer.
+/// The first `most` characters of a text, with an ellipsis if it is longer.
 pub fn cut(text: &str, most: usize) -> String {
     match text.char_indices().nth(most) {
         Some((at, _)) => format!("{}…", &text[..at]),

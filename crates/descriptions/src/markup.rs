@@ -1,7 +1,7 @@
-//! Text as XML files hold it.
+//! Text in XML files.
 
-/// Text without what XML takes for its own, for content and for attributes in double quotes; characters that no XML file can
-/// hold become U+FFFD.
+/// Text with XML's special characters escaped, for content and for attributes in double quotes.
+/// Characters that XML cannot hold become U+FFFD.
 pub fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for character in text.chars() {

@@ -1,7 +1,7 @@
-//! Numbers with a unit, as files and options write them: durations, lengths, cable delays, rates.
+//! Numbers with a unit in files and options: durations, lengths, cable delays, rates.
 //!
-//! Everything is an exact integer of its smallest unit (ns, mm, ps/m, ppb). Decimals are welcome as long as
-//! they come out even: `62.5us` is 62 500 ns, `0.3ns` is refused.
+//! Each is an exact integer of its smallest unit (ns, mm, ps/m, ppb). Decimals are allowed if the
+//! result is an integer: `62.5us` is 62 500 ns, `0.3ns` is refused.
 
 use std::fmt;
 use std::str::FromStr;
@@ -13,7 +13,7 @@ pub fn parse_duration(text: &str) -> Result<Nanos, QuantityError> {
     parse(text, &DURATION).map(Nanos)
 }
 
-/// How a duration is written, as a regular expression of ECMA 262; `signed`: it may be below zero.
+/// The notation of a duration as a regular expression of ECMA 262; `signed` allows negative ones.
 pub fn duration_pattern(signed: bool) -> String {
     pattern(&DURATION, signed)
 }
@@ -30,7 +30,7 @@ impl Length {
 }
 
 impl Length {
-    /// How it is written, as a regular expression of ECMA 262.
+    /// Its notation as a regular expression of ECMA 262.
     pub fn pattern() -> String {
         pattern(&LENGTH, false)
     }
@@ -50,12 +50,12 @@ impl fmt::Display for Length {
     }
 }
 
-/// How long a signal takes on a cable, in ps per metre. Written `5ns/m`, `5.3ns/m`, `4950ps/m`.
+/// Signal delay of a cable, in ps per metre. Written `5ns/m`, `5.3ns/m`, `4950ps/m`.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
 pub struct DelayPerMetre(pub i64);
 
 impl DelayPerMetre {
-    /// How it is written, as a regular expression of ECMA 262.
+    /// Its notation as a regular expression of ECMA 262.
     pub fn pattern() -> String {
         pattern(&DELAY_PER_METRE, false)
     }
@@ -75,8 +75,8 @@ impl fmt::Display for DelayPerMetre {
     }
 }
 
-/// A rate: how much faster than true time a clock runs, in parts per billion. Written `-35ppm`,
-/// `+12ppm`, `500ppb`.
+/// Frequency deviation of a clock from true time, in parts per billion (positive: faster). Written
+/// `-35ppm`, `+12ppm`, `500ppb`.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
 pub struct Ppb(pub i64);
 
@@ -88,7 +88,7 @@ impl Ppb {
 }
 
 impl Ppb {
-    /// How it is written, as a regular expression of ECMA 262; `signed`: it may be below zero.
+    /// Its notation as a regular expression of ECMA 262; `signed` allows negative ones.
     pub fn pattern(signed: bool) -> String {
         pattern(&RATE, signed)
     }
@@ -116,28 +116,28 @@ impl fmt::Display for Ppb {
     }
 }
 
-/// Why a text is no quantity. Printed as a sentence that says what was expected.
+/// Why a text is no quantity. It prints as a sentence with the expected form.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct QuantityError {
     /// The text.
     pub text: String,
-    /// What is wrong with it.
+    /// The problem.
     pub problem: Problem,
     kind: &'static Kind,
 }
 
-/// What is wrong with the text of a quantity.
+/// A problem with the text of a quantity.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Problem {
-    /// No number in front.
+    /// It has no number in front.
     NoNumber,
-    /// A number, but no unit behind it.
+    /// It has a number, but no unit.
     NoUnit,
-    /// A unit that this kind of quantity does not have.
+    /// This kind of quantity does not have the unit.
     UnknownUnit,
-    /// Not a whole number of the smallest unit.
+    /// It is not a whole number of the smallest unit.
     TooFine,
-    /// Beyond 64 bits of the smallest unit.
+    /// It exceeds 64 bits of the smallest unit.
     TooLarge,
 }
 
@@ -162,7 +162,7 @@ impl fmt::Display for QuantityError {
 
 impl std::error::Error for QuantityError {}
 
-/// What a quantity is called and the units it may have; the first unit counts 1.
+/// The name of a quantity and its units; the first unit counts 1.
 #[derive(PartialEq, Eq, Debug)]
 struct Kind {
     noun: &'static str,
@@ -194,8 +194,8 @@ fn parse(text: &str, kind: &'static Kind) -> Result<i64, QuantityError> {
         return Err(fail(Problem::UnknownUnit));
     };
 
-    // Exact: (whole + fraction / 10^n) * factor in integers. No factor divides more than nine
-    // decimals, so a longer fraction is too fine whatever its digits.
+    // The value is exact: (whole + fraction / 10^n) * factor in integers. No factor divides more
+    // than nine decimals, so a longer fraction is always too fine.
     let fraction = fraction.trim_end_matches('0');
     if fraction.len() > 9 {
         return Err(fail(Problem::TooFine));
@@ -212,7 +212,7 @@ fn parse(text: &str, kind: &'static Kind) -> Result<i64, QuantityError> {
     i64::try_from(if negative { -total } else { total }).map_err(|_| fail(Problem::TooLarge))
 }
 
-/// What [`parse`] takes, as a regular expression: a number, a unit, and blanks around them.
+/// The input of [`parse`] as a regular expression: a number, a unit, and blanks around them.
 fn pattern(kind: &Kind, signed: bool) -> String {
     let units: Vec<_> = kind.units.iter().map(|(unit, _)| *unit).collect();
     let units = units.join("|");
@@ -256,7 +256,7 @@ const DELAY_PER_METRE: Kind =
 const RATE: Kind =
     Kind { noun: "clock rate", example: "-35ppm", units: &[("ppb", 1), ("ppm", 1_000)] };
 
-/// A span in ns with the unit that suits it and all its digits: `438.24 us`, `-12.5 ns`, `1 ms`.
+/// A span in ns with the appropriate unit and all its digits: `438.24 us`, `-12.5 ns`, `1 ms`.
 pub fn time(ns: f64) -> String {
     let (value, unit) = match ns.abs() {
         size if size < 1e3 => (ns, "ns"),
@@ -264,7 +264,7 @@ pub fn time(ns: f64) -> String {
         size if size < 1e9 => (ns / 1e6, "ms"),
         _ => (ns / 1e9, "s"),
     };
-    // To the picosecond up to us; to the nanosecond above.
+    // Up to us it is shown to the picosecond, above to the nanosecond.
     let digits = match unit {
         "ns" => 3,
         "us" => 3,
@@ -274,7 +274,7 @@ pub fn time(ns: f64) -> String {
     if text.contains('.') {
         text.truncate(text.trim_end_matches('0').trim_end_matches('.').len());
     }
-    // What rounds to nothing has no sign.
+    // A value that rounds to zero has no sign.
     if text == "-0" {
         text = "0".into();
     }

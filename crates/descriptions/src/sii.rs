@@ -1,9 +1,11 @@
 //! SII: the content of a SubDevice's EEPROM, read from a file and written from a description.
 //!
-//! Bytes of a file (`hex` for Intel HEX) become a [`SiiFile`] (`read`): its [`Sii`], which has every category that the standard
-//! knows as typed values and keeps all others as they are, and every [`Doubt`] with the word at which it stands, what was expected
-//! and what was found. Only a file that holds no header is refused. `write` makes an image of a [`Sii`]: of one that was
-//! read, of a maker's description ([`EsiFile::sii`]) or of a profile. `report` is what a file says, for programs and people.
+//! Bytes of a file (`hex` for Intel HEX) become a [`SiiFile`] (`read`): its [`Sii`], which has
+//! every category of the standard as typed values and keeps all others unchanged, and every
+//! [`Doubt`] with its word, the expected and the found value. Only a file without a complete header
+//! is refused. `write` makes an image of a [`Sii`]: from a file, from an ESI file
+//! ([`EsiFile::sii`]) or from a profile. `report` gives the content of a file, for programs and
+//! people.
 //!
 //! [`EsiFile::sii`]: crate::esi::EsiFile::sii
 
@@ -21,27 +23,27 @@ mod write;
 
 pub use write::{Names, Unwritable};
 
-/// An SII with the file that it was read from.
+/// An SII with its file.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SiiFile {
-    /// The file, as errors name it.
+    /// The name of the file in errors.
     pub path: String,
     /// The image: all bytes of the file, Intel HEX decoded.
     pub image: Vec<u8>,
-    /// What it says.
+    /// Its content.
     pub sii: Sii,
-    /// Bytes up to the end mark, with it; as far as could be read where there is none.
+    /// Bytes up to and including the end mark; without one, as far as could be read.
     pub used: usize,
-    /// What is doubtful, in the order of the words.
+    /// Doubts, in the order of the words.
     pub doubts: Vec<Doubt>,
 }
 
-/// What an SII says.
+/// The content of an SII.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Sii {
     /// The first 64 words.
     pub header: Header,
-    /// Category 30; `None` where there is none.
+    /// Category 30; `None` if it is missing.
     pub general: Option<General>,
     /// Category 40: 1 outputs, 2 inputs, 3 mailbox state, 0 and 0xFF unused.
     pub fmmus: Vec<u8>,
@@ -57,24 +59,26 @@ pub struct Sii {
     pub others: Vec<OtherCategory>,
 }
 
-/// Category 30. Texts stand for their numbers in the category of strings; an empty one has the number 0.
+/// Category 30. Texts replace their numbers in the category of strings; an empty one has the number
+/// 0.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct General {
     /// Type of the group.
     pub group: String,
     /// Name of the picture.
     pub image: String,
-    /// Order number: the type.
+    /// Order number: the device type.
     pub order: String,
     /// Name.
     pub name: String,
     /// Byte 4, which older files use for the physical layer.
     pub physical_layer: u8,
-    /// Bit 0 SDO, 1 SDO information, 2 PDO assignment, 3 PDO configuration, 4 upload at start, 5 complete access.
+    /// Bit 0 SDO, 1 SDO information, 2 PDO assignment, 3 PDO configuration, 4 upload at start, 5
+    /// complete access.
     pub coe_details: u8,
-    /// FoE, as the file has it.
+    /// FoE, as in the file.
     pub foe: u8,
-    /// EoE, as the file has it.
+    /// EoE, as in the file.
     pub eoe: u8,
     /// Channels of SoE.
     pub soe_channels: u8,
@@ -86,11 +90,11 @@ pub struct General {
     pub flags: u8,
     /// Current on the EBUS in mA; negative for devices that feed it.
     pub ebus_ma: i16,
-    /// Byte 14: the group once more, or the name of the group.
+    /// Byte 14: a repetition of the group, or the name of the group.
     pub group_name: String,
     /// Kind of each port, four bits from port 0: 0 unused, 1 MII, 3 EBUS, 4 fast hot connect.
     pub ports: u16,
-    /// Where an identification can be read.
+    /// Place of the identification.
     pub identification: u16,
 }
 
@@ -98,7 +102,7 @@ impl General {
     /// Bytes of the category.
     pub const LEN: usize = 32;
 
-    /// The ports by letter, as an ESI has them: Y MII, K EBUS, H fast hot connect, blank unused.
+    /// The ports by letter, as in an ESI file: Y MII, K EBUS, H fast hot connect, blank unused.
     pub fn physics(&self) -> String {
         let letter = |port: u32| match self.ports >> (4 * port) & 0xF {
             0 => ' ',
@@ -115,7 +119,7 @@ impl General {
 pub struct SiiPdo {
     /// Index of its mapping object.
     pub index: u16,
-    /// SyncManager that it is assigned to; `None` for none (0xFF).
+    /// SyncManager to which it is assigned; `None` for none (0xFF).
     pub sync_manager: Option<u8>,
     /// Sync unit.
     pub sync_unit: u8,
@@ -123,14 +127,14 @@ pub struct SiiPdo {
     pub name: String,
     /// Bit 0 mandatory, 1 default, 4 fixed.
     pub flags: u16,
-    /// What it maps, at most 255.
+    /// Mapped entries, at most 255.
     pub entries: Vec<SiiEntry>,
 }
 
 impl SiiPdo {
     /// Flag: it must stay assigned.
     pub const MANDATORY: u16 = 0x0001;
-    /// Flag: its entries can't be changed.
+    /// Flag: its entries cannot be changed.
     pub const FIXED: u16 = 0x0010;
 
     /// Bits of all entries.
@@ -165,15 +169,15 @@ pub struct SiiOpMode {
     pub description: String,
     /// Low byte for register 0x0980, high byte for 0x0981.
     pub assign_activate: u16,
-    /// SYNC0's cycle, ns; 0: the factor counts.
+    /// Cycle of SYNC0, ns; 0 if the factor is used.
     pub cycle_time_0: u32,
-    /// SYNC0's phase, ns.
+    /// Phase of SYNC0, ns.
     pub shift_time_0: i32,
-    /// SYNC1's phase, ns.
+    /// Phase of SYNC1, ns.
     pub shift_time_1: i32,
-    /// SYNC0's cycle to the bus cycle.
+    /// Ratio of SYNC0's cycle to the bus cycle.
     pub sync0_factor: i16,
-    /// SYNC1's cycle to that of SYNC0.
+    /// Ratio of SYNC1's cycle to that of SYNC0.
     pub sync1_factor: i16,
 }
 
@@ -208,7 +212,7 @@ impl SiiOpMode {
     }
 }
 
-/// A category that is kept as it is.
+/// A category that is kept unchanged.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct OtherCategory {
     /// Its type.
@@ -217,16 +221,16 @@ pub struct OtherCategory {
     pub data: Vec<u8>,
 }
 
-/// Something in an image that contradicts the standard or itself.
+/// A contradiction of an image to the standard or to itself.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Doubt {
-    /// Which.
+    /// The kind.
     pub kind: DoubtKind,
-    /// Word at which it stands.
+    /// Its word.
     pub word: usize,
-    /// What should stand there.
+    /// The expected value.
     pub expected: String,
-    /// What stands there.
+    /// The found value.
     pub found: String,
 }
 
@@ -237,46 +241,46 @@ impl fmt::Display for Doubt {
     }
 }
 
-/// What is doubtful about an image.
+/// The kind of a doubt about an image.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum DoubtKind {
-    /// The configuration area has another checksum: the ESC does not load it.
+    /// The configuration area has a wrong checksum, so the ESC does not load it.
     Checksum,
     /// The version is not 1.
     Version,
-    /// The size in the header is not that of the file.
+    /// The size in the header differs from that of the file.
     Size,
-    /// No vendor or no product code.
+    /// Vendor or product code is missing.
     Identity,
     /// The file ends with half a word.
     HalfWord,
-    /// A category ends behind the end of the file.
+    /// A category ends after the end of the file.
     CategoryCut,
     /// There is no end mark.
     EndMark,
-    /// There are more categories than a reader goes through.
+    /// There are more categories than the limit.
     ManyCategories,
-    /// A category stands twice.
+    /// A category occurs twice.
     CategoryRepeated,
-    /// A category has no whole number of records.
+    /// The length of a category is no whole number of records.
     CategoryLength,
-    /// The strings go on behind the end of their category.
+    /// The strings continue after the end of their category.
     StringsCut,
-    /// A string has characters that can't be printed.
+    /// A string has characters that cannot be printed.
     StringUnprintable,
-    /// A text has a number that no string has.
+    /// A text has the number of a missing string.
     StringMissing,
-    /// The entries of a PDO go on behind the end of their category.
+    /// The entries of a PDO continue after the end of their category.
     PdoCut,
     /// A PDO is assigned to a SyncManager that is not listed.
     PdoSyncManager,
-    /// An FMMU has a use that is not known.
+    /// The use of an FMMU is unknown.
     FmmuUse,
-    /// A SyncManager has a type that is not known.
+    /// The type of a SyncManager is unknown.
     SyncManagerType,
-    /// The SyncManagers have the mailbox elsewhere than the header.
+    /// The mailbox areas of the SyncManagers differ from the header.
     MailboxArea,
-    /// Protocols without a mailbox, or a mailbox without protocols.
+    /// There are protocols without a mailbox, or a mailbox without protocols.
     MailboxProtocols,
 }
 

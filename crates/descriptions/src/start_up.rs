@@ -1,9 +1,9 @@
-//! What a MainDevice writes to bring a segment up, as a list: for each SubDevice and transition the
-//! registers and objects in their order, its DC part, and the datagrams of each cycle.
+//! The writes of a MainDevice to bring a segment up, as a list: for each SubDevice and transition
+//! the registers and objects in their order, its DC part, and the datagrams of each cycle.
 //!
-//! The list is a plain value: made from a plan or read from an ENI, printed as text or JSON, written
-//! as ENI. It has ENI's shape: a SubDevice has one list of register accesses and one of SDO downloads, and
-//! [`DeviceStartUp::at`] tells in which order they are done in one transition.
+//! The list is a plain value: made from a plan or read from an ENI, printed as text or JSON,
+//! written as ENI. It has the structure of ENI: a SubDevice has one list of register accesses and
+//! one of SDO downloads, and [`DeviceStartUp::at`] gives their order in one transition.
 
 mod text;
 
@@ -27,15 +27,15 @@ pub const FORMAT: &str = "isocat-start-up/3";
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct StartUp {
-    /// What the segment is called.
+    /// Name of the segment.
     pub name: String,
     /// Bus cycle; above 0.
     pub cycle_ns: i64,
-    /// To all SubDevices at once, in a transition before what each one gets.
+    /// Accesses to all SubDevices at once, in a transition before those to each one.
     pub before: Vec<RegisterStep>,
     /// The SubDevices, by position.
     pub devices: Vec<DeviceStartUp>,
-    /// To all SubDevices at once, in a transition after what each one got.
+    /// Accesses to all SubDevices at once, in a transition after those to each one.
     pub after: Vec<RegisterStep>,
     /// The cyclic frames, in the order in which they are sent.
     pub frames: Vec<CyclicFrame>,
@@ -43,7 +43,7 @@ pub struct StartUp {
     pub input_bytes: u32,
     /// Bytes of the output image.
     pub output_bytes: u32,
-    /// What the list does not say and somebody must know.
+    /// Facts that the list does not contain and that its user must know.
     pub notes: Vec<String>,
 }
 
@@ -51,9 +51,9 @@ pub struct StartUp {
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct DeviceStartUp {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// Station address that it is given (register 0x0010).
+    /// Station address that is assigned to it (register 0x0010).
     #[serde(serialize_with = "hex16")]
     #[schemars(with = "String")]
     pub station: u16,
@@ -69,12 +69,12 @@ pub struct DeviceStartUp {
     #[serde(serialize_with = "hex32")]
     #[schemars(with = "String")]
     pub revision: u32,
-    /// Serial number (SII word 0x0E); 0 if any will do.
+    /// Serial number (SII word 0x0E); 0 for any.
     pub serial: u32,
-    /// Kind of each port from 0 on: Y for MII, K for EBUS, H for a fast hot connect port, a blank for one that
-    /// is not used.
+    /// Kind of each port from 0 on: Y for MII, K for EBUS, H for a fast hot connect port, a blank
+    /// for an unused one.
     pub physics: String,
-    /// Where it hangs; null for the first one.
+    /// Its parent in the tree; null for the first one.
     pub parent: Option<Parent>,
     /// Mailbox areas; null without mailbox.
     pub mailbox: Option<Mailbox>,
@@ -90,13 +90,13 @@ pub struct DeviceStartUp {
     pub objects: Vec<ObjectStep>,
     /// Parameters of its drives that SoE writes, in this order within a transition.
     pub parameters: Vec<ParameterStep>,
-    /// Distributed clocks; null for one without.
+    /// Distributed clocks; null for a device without.
     pub dc: Option<Dc>,
-    /// What the list does not say of it and somebody must know.
+    /// Facts about it that the list does not contain and that its user must know.
     pub notes: Vec<String>,
 }
 
-/// The SubDevice and port behind which one hangs.
+/// The parent SubDevice in the tree, and its port.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Parent {
@@ -104,7 +104,7 @@ pub struct Parent {
     #[serde(serialize_with = "hex16")]
     #[schemars(with = "String")]
     pub station: u16,
-    /// Port, 1..=3; 0 where a cable is swapped.
+    /// Port, 1..=3; 0 if a cable is swapped.
     pub port: u8,
 }
 
@@ -116,13 +116,13 @@ pub struct Mailbox {
     pub out: Area,
     /// From the SubDevice to the MainDevice, SM1.
     pub back: Area,
-    /// CoE is spoken.
+    /// Whether it speaks CoE.
     pub coe: bool,
-    /// SoE is spoken.
+    /// Whether it speaks SoE.
     pub soe: bool,
 }
 
-/// A piece of an ESC's memory.
+/// An area of an ESC's memory.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Area {
@@ -140,7 +140,7 @@ pub struct Area {
 pub struct ProcessSyncManager {
     /// Its number, 0..=15.
     pub number: u8,
-    /// The MainDevice writes it.
+    /// Whether the MainDevice writes it.
     pub outputs: bool,
     /// First byte.
     #[serde(serialize_with = "hex16")]
@@ -148,7 +148,7 @@ pub struct ProcessSyncManager {
     pub start: u16,
     /// Control byte (register 0x0804 + 8 n).
     pub control: u8,
-    /// It is switched on.
+    /// Whether it is enabled.
     pub enabled: bool,
     /// The assigned PDOs, in this order.
     pub pdos: Vec<u16>,
@@ -164,19 +164,19 @@ pub struct ImageBits {
     pub length: u32,
 }
 
-/// The DC part of a SubDevice. What is written to 0x0980 stands in the register steps:
+/// The DC part of a SubDevice. The value for 0x0980 is in the register steps:
 /// [`DeviceStartUp::assign_activate`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Dc {
-    /// Its clock leads.
+    /// Whether it is the reference clock.
     pub reference: bool,
     /// Register 0x09A0; 0 without SYNC0.
     pub sync0_ns: u32,
-    /// Register 0x09A4: from a SYNC0 to SYNC1; 0 without SYNC1.
+    /// Register 0x09A4: time from a SYNC0 to SYNC1; 0 without SYNC1.
     pub sync1_ns: u32,
-    /// Phase of the first SYNC0 in the cycle. It goes into the start time (0x0990), which is made when the
-    /// segment is brought up: no list can know it.
+    /// Phase of the first SYNC0 in the cycle. It is part of the start time (0x0990), which is
+    /// computed when the segment is brought up: no list can contain it.
     pub shift_ns: i32,
 }
 
@@ -184,7 +184,7 @@ pub struct Dc {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct RegisterStep {
-    /// When it is done; at least one.
+    /// Its transitions; at least one.
     pub transitions: Vec<Transition>,
     /// The datagram's command.
     #[serde(serialize_with = "display")]
@@ -192,37 +192,37 @@ pub struct RegisterStep {
     pub command: Command,
     /// The datagram's address.
     pub address: Address,
-    /// What is written, in wire order. Of a read, zeros of the length to read.
+    /// The bytes to write, in wire order. For a read, zeros of the length to read.
     #[serde(serialize_with = "hex_bytes")]
     #[schemars(with = "String")]
     pub data: Vec<u8>,
-    /// Whether it needs a frame or a cycle of its own.
+    /// Whether it needs a separate frame or cycle.
     pub own: Own,
-    /// Working counter that must come back; null if it does not matter.
+    /// Expected working counter; null if it does not matter.
     pub working_counter: Option<u16>,
-    /// How often it is tried again when the working counter is wrong.
+    /// Number of retries after a wrong working counter.
     pub retries: u16,
-    /// How long it is tried; null if only `retries` counts.
+    /// Time limit of the attempts; null if only `retries` limits them.
     pub patience_ms: Option<u32>,
-    /// What a read must find.
+    /// Expected result of a read.
     pub check: Option<Check>,
-    /// What it is for.
+    /// Its purpose.
     pub comment: String,
 }
 
-/// What a read must find.
+/// The expected result of a read.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Check {
-    /// The bytes that are expected.
+    /// The expected bytes.
     #[serde(serialize_with = "hex_bytes")]
     #[schemars(with = "String")]
     pub data: Vec<u8>,
-    /// The bits that count, as many bytes as `data`; null if all do.
+    /// The bits that are compared, as many bytes as `data`; null for all.
     #[serde(serialize_with = "optional_hex_bytes")]
     #[schemars(with = "Option<String>")]
     pub mask: Option<Vec<u8>>,
-    /// How long it is read again.
+    /// Time limit of repeated reads.
     pub patience_ms: u32,
 }
 
@@ -233,9 +233,9 @@ pub enum Own {
     /// It may share both.
     #[default]
     Nothing,
-    /// A frame of its own: it takes effect before what follows.
+    /// It needs a separate frame, so that it takes effect before the following ones.
     Frame,
-    /// A cycle of its own.
+    /// It needs a separate cycle.
     Cycle,
 }
 
@@ -243,21 +243,21 @@ pub enum Own {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct ObjectStep {
-    /// When it is done; at least one.
+    /// Its transitions; at least one.
     pub transitions: Vec<Transition>,
     /// The entry; with complete access its sub-index is 0 or 1.
     #[serde(serialize_with = "display")]
     #[schemars(with = "String")]
     pub object: ObjectAddress,
-    /// Complete access.
+    /// Whether it uses complete access.
     pub complete: bool,
     /// The value, little-endian.
     #[serde(serialize_with = "hex_bytes")]
     #[schemars(with = "String")]
     pub data: Vec<u8>,
-    /// How long the answer may take; 0 for the MainDevice's own patience.
+    /// Time limit of the answer; 0 for the MainDevice's default.
     pub patience_ms: u32,
-    /// What it is for.
+    /// Its purpose.
     pub comment: String,
 }
 
@@ -265,21 +265,21 @@ pub struct ObjectStep {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct ParameterStep {
-    /// When it is done; at least one.
+    /// Its transitions; at least one.
     pub transitions: Vec<Transition>,
-    /// Which drive of the SubDevice, 0 to 7.
+    /// Number of the drive in the SubDevice, 0 to 7.
     pub drive: u8,
     /// The parameter, such as S-0-0032.
     #[serde(serialize_with = "display")]
     #[schemars(with = "String")]
     pub idn: Idn,
-    /// The value, little-endian; a list with its lengths in front.
+    /// The value, little-endian; a list begins with its lengths.
     #[serde(serialize_with = "hex_bytes")]
     #[schemars(with = "String")]
     pub data: Vec<u8>,
-    /// How long the answer may take; 0 for the MainDevice's own patience.
+    /// Time limit of the answer; 0 for the MainDevice's default.
     pub patience_ms: u32,
-    /// What it is for.
+    /// Its purpose.
     pub comment: String,
 }
 
@@ -287,8 +287,8 @@ pub struct ParameterStep {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct CyclicFrame {
-    /// It travels in every so many bus cycles, 1 or more: with DC in those whose number, system time divided by the
-    /// bus cycle, is a multiple of this.
+    /// It is sent in every n-th bus cycle, 1 or more. With DC, in those whose number (system time
+    /// divided by the bus cycle) is a multiple of this.
     pub every: u32,
     /// Its datagrams, in order.
     pub datagrams: Vec<CyclicDatagram>,
@@ -304,29 +304,29 @@ pub struct CyclicDatagram {
     pub command: Command,
     /// Its address.
     pub address: Address,
-    /// Its bytes.
+    /// Number of its data bytes.
     pub length: u16,
-    /// In which states of the MainDevice it is sent.
+    /// States of the MainDevice in which it is sent.
     #[serde(serialize_with = "states")]
     #[schemars(with = "Vec<String>")]
     pub states: Vec<AlState>,
-    /// Working counter that must come back; null if it does not matter.
+    /// Expected working counter; null if it does not matter.
     pub working_counter: Option<u16>,
-    /// Where its data lie in the input image, bytes.
+    /// Offset of its data in the input image, bytes.
     pub input_offset: u32,
-    /// Where its data lie in the output image, bytes.
+    /// Offset of its data in the output image, bytes.
     pub output_offset: u32,
-    /// What it is for.
+    /// Its purpose.
     pub comment: String,
 }
 
-/// What a datagram addresses.
+/// The address of a datagram.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Address {
     /// Memory of an ESC.
     Physical {
-        /// Station address, auto-increment address or, of a broadcast, 0.
+        /// Station address, auto-increment address, or 0 for a broadcast.
         #[serde(serialize_with = "hex16")]
         #[schemars(with = "String")]
         device: u16,
@@ -343,7 +343,7 @@ pub enum Address {
     ),
 }
 
-/// From a state to a state; printed with two letters, `PS` for PREOP to SAFEOP.
+/// A change from one state to another; it prints as two letters, `PS` for PREOP to SAFEOP.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Transition {
     /// The state before.
@@ -362,7 +362,7 @@ impl Transition {
     /// The way up.
     pub const UP: [Self; 3] = [Self::IP, Self::PS, Self::SO];
 
-    /// The mailbox runs only once the transition is done.
+    /// Whether the mailbox runs only after the transition.
     const fn begins_without_mailbox(self) -> bool {
         matches!(self.from, AlState::Init)
     }
@@ -384,7 +384,7 @@ impl fmt::Display for Transition {
     }
 }
 
-/// Letters that name no transition.
+/// Letters of no transition.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct UnknownTransition(pub String);
 
@@ -412,7 +412,7 @@ impl FromStr for Transition {
     }
 }
 
-/// One step of a SubDevice, as [`DeviceStartUp::at`] orders them.
+/// One step of a SubDevice, in the order of [`DeviceStartUp::at`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Step<'a> {
     /// An access to a register.
@@ -424,8 +424,8 @@ pub enum Step<'a> {
 }
 
 impl DeviceStartUp {
-    /// What is done in a transition, in order. SDO downloads and then parameters come before register accesses, except
-    /// in a transition that begins in INIT, where there is no mailbox before its end.
+    /// The steps of a transition, in order. SDO downloads and then parameters come before register
+    /// accesses, except in a transition from INIT, where there is no mailbox before its end.
     pub fn at(&self, transition: Transition) -> Vec<Step<'_>> {
         let registers = self.registers.iter().filter(|step| step.transitions.contains(&transition));
         let objects = self.objects.iter().filter(|step| step.transitions.contains(&transition));
@@ -439,7 +439,7 @@ impl DeviceStartUp {
         }
     }
 
-    /// What the way up writes to 0x0980 and 0x0981 last; `None` if it writes nothing there.
+    /// The last value for 0x0980 and 0x0981 on the way up; `None` without such a write.
     pub fn assign_activate(&self) -> Option<AssignActivate> {
         let steps = self.registers.iter().rev();
         let of = |step: &RegisterStep| match (step.address, step.data.first_chunk()) {
@@ -456,8 +456,8 @@ impl DeviceStartUp {
     }
 }
 
-/// Makes steps. What is not given has these values: shares frame and cycle, working counter 1 at one
-/// SubDevice and free at all, 3 retries.
+/// Constructors of steps. Their defaults: they share frame and cycle, expect working counter 1 from
+/// one SubDevice and any from all, and have 3 retries.
 impl RegisterStep {
     /// A write to one SubDevice by its station address.
     pub fn write<T: Value>(
@@ -507,7 +507,7 @@ impl RegisterStep {
         Self::new(transitions, Command::Bwr, address, data, None, comment)
     }
 
-    /// A read of one SubDevice until the register holds what is expected.
+    /// A read of one SubDevice until the register has the expected value.
     pub fn expect(
         transitions: &[Transition],
         station: StationAddress,
@@ -521,8 +521,8 @@ impl RegisterStep {
         Self { check: Some(check), ..step }
     }
 
-    /// The request of a state and the wait for it: what ends a transition. Errors are acknowledged on the way
-    /// to INIT and PREOP.
+    /// The request of a state and the wait for it, which end a transition. Errors are acknowledged
+    /// on the way to INIT and PREOP.
     pub fn state(
         transitions: &[Transition],
         station: StationAddress,
@@ -536,7 +536,8 @@ impl RegisterStep {
         let patience_ms = u32::try_from(patience.0 / 1_000_000).unwrap_or(u32::MAX);
         let comment = format!("{state} is asked for");
         let ask = Self::write(transitions, station, register::AL_CONTROL, request, comment);
-        // State and error bit; the status code at 0x0134 comes with them for the log.
+        // State and error bit are compared; the status code at 0x0134 is read with them for the
+        // log.
         let check = Check {
             data: vec![state as u8, 0, 0, 0, 0, 0],
             mask: Some(vec![0x1F, 0, 0, 0, 0, 0]),

@@ -1,17 +1,17 @@
-//! Measures on a segment what no data sheet tells: crystals, the sign of 0x092C, the law of each
+//! Measures what no data sheet of a segment states: crystals, the sign of 0x092C, the law of each
 //! drift loop, delay and jitter of each hop, times of EEPROM and state changes.
 //!
-//! Data's way: `found` looks what the segment is and refuses one that is in operation; `bus` sends
-//! single frames by position, in virtual time or on a socket ([`isocat_conform::wire`]); `clocks`
-//! makes latches and drift frames of them, `course` a whole course of drift frames. `replay` gives
-//! the same frames at the same instants to the software ESC with each law that is thinkable, and
-//! `judge` compares, by the `likelihood` of each, with the `jitter` of the hops
-//! as the latches show it. `hops`, `t_diff` and `response` need no drift frame. At the end everything that was
-//! written is put back, whatever happened. [`report::calibrate`](crate::report::calibrate) tells
+//! How data flow: `found` identifies the segment and refuses one that is in operation. `bus` sends
+//! single frames by position, in virtual time or on a socket ([`isocat_conform::wire`]). `clocks`
+//! makes latches and drift frames of them, and `course` a whole course of drift frames. `replay`
+//! gives the same frames at the same instants to the software ESC with each law that is possible.
+//! `judge` compares the results by their `likelihood`, with the `jitter` of the hops as the latches
+//! show it. `hops`, `t_diff` and `response` need no drift frame. At the end everything that was
+//! written is restored, whatever happened. [`report::calibrate`](crate::report::calibrate) reports
 //! the result.
 //!
-//! The host's clock paces the frames and nothing else: what is computed with are instants by the
-//! reference clock, which each drift frame brings along.
+//! The host's clock only paces the frames. The computation uses instants of the reference clock,
+//! which each drift frame carries.
 
 mod bus;
 mod clocks;
@@ -46,24 +46,24 @@ pub use jitter::Jitter;
 pub use judge::{Fit, Judgement, MOST_MISFIT, TOLD_APART, Verdict};
 pub use response::{Response, StateChange, Times};
 
-/// A part of the calibration, for showing its progress.
+/// A step of the calibration, to show its progress.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Step {
-    /// What the segment is.
+    /// Identification of the segment.
     Look,
     /// EEPROM and state changes.
     Response,
     /// Round trips and latches.
     Hops,
-    /// Crystals, for the first time.
+    /// Crystals, first measurement.
     Crystals,
     /// The sign of 0x092C.
     Polarity,
     /// One of the courses of drift frames: number and count.
     Course(usize, usize),
-    /// Crystals again.
+    /// Crystals, second measurement.
     Drift,
-    /// What each law would have done.
+    /// Comparison with the behaviour of each law.
     Judge,
 }
 
@@ -76,13 +76,13 @@ pub struct Calibration {
     pub devices: Vec<Device>,
     /// Courses of drift frames that were run.
     pub courses: usize,
-    /// Drift frames in them, and how many did not come back.
+    /// Drift frames in them, and the number that did not come back.
     pub drift_frames: (usize, usize),
-    /// Shortest and longest interval of the drift frames that were to come each millisecond.
+    /// Shortest and longest interval of the drift frames that were due each millisecond.
     pub paced: (Nanos, Nanos),
-    /// Frames sent, and how many did not come back.
+    /// Frames sent, and the number that did not come back.
     pub frames: (u64, u64),
-    /// Clocks that could not be put back as they were found, and why.
+    /// Clocks that could not be restored, and why.
     pub left_changed: Vec<(usize, Trouble)>,
 }
 
@@ -93,19 +93,19 @@ pub struct Device {
     pub position: usize,
     /// Type of its ESC, register 0x0000.
     pub kind: u8,
-    /// Receive times, register 0x0900.
+    /// Whether it has receive times, register 0x0900.
     pub has_times: bool,
-    /// A system clock, register 0x0920.
+    /// Whether it has a system clock, register 0x0920.
     pub has_clock: bool,
-    /// What its clock showed; `None` for the reference and without a clock.
+    /// Measurement of its clock; `None` for the reference and without a clock.
     pub clock: Option<Clock>,
-    /// The hop to it and the frames' stay behind it; `None` without receive times.
+    /// The hop to it and the round trip behind it; `None` without receive times.
     pub hop: Option<Hop>,
     /// EEPROM and state changes.
     pub response: Response,
 }
 
-/// What was measured at one clock beside the reference.
+/// What was measured at one clock other than the reference.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Clock {
     /// How much faster its crystal runs than the reference's, parts per billion, and the standard
@@ -113,22 +113,22 @@ pub struct Clock {
     pub crystal_ppb: (f64, f64),
     /// How much that changed until the end of the calibration, and the standard error.
     pub crystal_change_ppb: (f64, f64),
-    /// Over how long each was measured.
+    /// Time span of each measurement.
     pub window: Nanos,
-    /// What bit 31 of 0x092C means; `None`: it was not told.
+    /// Meaning of bit 31 of 0x092C; `None` if it was not determined.
     pub polarity: Option<DifferencePolarity>,
-    /// Latches against the reference: standard deviation, ns, grain of the ticks included.
+    /// Standard deviation of latches against the reference, ns, including the grain of the ticks.
     pub latch_deviation: f64,
-    /// Jitter of the way from the clock above.
+    /// Jitter of the path from the clock above.
     pub jitter: Jitter,
-    /// The drift loop's law.
+    /// The law of the drift loop.
     pub law: Judgement,
 }
 
-/// Calibrates what is behind a wire. `stop` ends it early; `progress` is told each step.
+/// Calibrates the segment behind a wire. `stop` ends it early; `progress` is called at each step.
 ///
-/// Whatever the result, delays, offsets and filters are then as they were found, as are the states.
-/// An error says why there are no figures.
+/// In every case delays, offsets, filters and states are restored at the end. An error says why
+/// there are no figures.
 pub fn calibrate(
     wire: &mut dyn Wire,
     stop: &AtomicBool,
@@ -137,14 +137,14 @@ pub fn calibrate(
     let mut bus = Bus::new(wire, stop);
     progress(Step::Look);
     let found = found::look(&mut bus)?;
-    // Nothing was written so far, and without two clocks nothing is.
+    // Nothing was written so far, and nothing is without two clocks.
     Clocks::new(&mut bus, &found)?;
     let result = measure(&mut bus, &found, progress);
     let left_changed = found::put_back(&mut bus, &found);
     let frames = (bus.sent, bus.lost);
     match result {
         Ok(calibration) => Ok(Calibration { left_changed, frames, ..calibration }),
-        // The first device that was not put back is named; more of them have the same reason.
+        // The first device that was not restored is named; the others have the same reason.
         Err(trouble @ Trouble::NotPutBack { .. }) => Err(trouble),
         Err(trouble) => match left_changed.into_iter().next() {
             None => Err(trouble),
@@ -236,7 +236,7 @@ fn measure(
         let known = |course: &Course| {
             let share = (course.fixed_at - at) / (end - at);
             let ppb = first.ppb + change * share.clamp(0.0, 1.0);
-            // Half of what it changed by may have come at any time.
+            // Half of the change may have come at any time.
             let error = first.error.hypot(change / 2.0).hypot(WANDER_PPB);
             Known { follower, faster: (ppb / 1e9, error / 1e9), way: way.clone() }
         };
@@ -265,7 +265,7 @@ fn measure(
     })
 }
 
-/// A crystal against the reference's.
+/// A crystal compared with the reference's.
 #[derive(Clone, Copy)]
 struct Crystal {
     ppb: f64,
@@ -273,7 +273,7 @@ struct Crystal {
     deviation: f64,
 }
 
-/// The clocks' places at both ends of a time without drift frames.
+/// The clocks' readings at both ends of a time without drift frames.
 struct Window {
     first: Fix,
     last: Fix,
@@ -297,7 +297,7 @@ impl Window {
 }
 
 impl Crystal {
-    /// The same, with what jitter on the way may have added to all latches of a fix alike.
+    /// The same, with the error that jitter on the path may add to all latches of a fix alike.
     fn with_jitter(self, way: &[Saw], window: &Window) -> Self {
         let more = way.iter().fold(0.0f64, |sum, saw| {
             let at = |fix: &Fix| saw.error_of_mean(&fix.instants());
@@ -307,8 +307,8 @@ impl Crystal {
     }
 }
 
-/// The clocks at both ends of a time without drift frames; and the middle of it, by the reference's
-/// local time.
+/// The clocks at both ends of a time without drift frames, and its middle in the reference's local
+/// time.
 fn crystals(clocks: &mut Clocks<'_, '_>, window: Nanos) -> Result<(Window, f64), Trouble> {
     clocks.reset([0, 12], START)?;
     let first = clocks.fix(CRYSTAL_LATCHES, CRYSTAL_PACE)?;
@@ -323,9 +323,9 @@ fn wrapped(difference: f64) -> f64 {
     difference - (difference / WRAP).round() * WRAP
 }
 
-/// What bit 31 of 0x092C means: a delay that is too long by a known amount makes the local copy lag
-/// by as much, one that is too short makes it lead. Only an answer of the right size to both
-/// counts.
+/// Meaning of bit 31 of 0x092C. A delay that is too long by a known amount makes the local copy lag
+/// by that amount, and one that is too short makes it lead. Only an answer of the right size to
+/// both counts.
 fn polarities(clocks: &mut Clocks<'_, '_>) -> Result<Vec<Option<DifferencePolarity>>, Trouble> {
     let longer = lag(clocks, LAG)?;
     let shorter = lag(clocks, -LAG)?;
@@ -343,8 +343,7 @@ fn polarities(clocks: &mut Clocks<'_, '_>) -> Result<Vec<Option<DifferencePolari
     Ok(each.collect())
 }
 
-/// Register 0x092C of all followers behind one drift frame, while their delays are too long by
-/// `by`.
+/// Register 0x092C of all followers after one drift frame, while their delays are too long by `by`.
 fn lag(clocks: &mut Clocks<'_, '_>, by: i64) -> Result<Vec<SystemTimeDifference>, Trouble> {
     for _ in 0..POLARITY_TRIES {
         clocks.reset([0, 12], START)?;
@@ -364,9 +363,9 @@ fn lag(clocks: &mut Clocks<'_, '_>, by: i64) -> Result<Vec<SystemTimeDifference>
     Err(Trouble::Lost { address: register::SYSTEM_TIME.address })
 }
 
-/// What is tried. Each course tells something else: a single huge difference, the phase part at
-/// three paces, the speed part at two filter depths over more than one block, and the smallest
-/// depth.
+/// The courses that are run. Each shows a different property: a single huge difference, the phase
+/// part at three paces, the speed part at two filter depths over more than one block, and the
+/// smallest depth.
 fn courses(crystals: &[Crystal]) -> [Asked; COURSES] {
     let usual = Asked {
         start: START,
@@ -382,21 +381,21 @@ fn courses(crystals: &[Crystal]) -> [Asked; COURSES] {
     [
         Asked { ahead: 10_000_000, frames: 1, look_every: 1, ..usual },
         Asked { interval: Nanos::micros(100), ..usual },
-        // A difference large against jitter, for the share of it that each frame takes off.
+        // A difference large against jitter shows the share of it that each frame removes.
         Asked { ahead: 4_000, ..usual },
         Asked { interval: Nanos::millis(4), ahead: 2_000, ..usual },
-        // Another speed counter start, of which steps of phase and units of speed depend.
+        // Another speed counter start: the steps of phase and the units of speed depend on it.
         Asked { start: OTHER_START, ahead: 2_000, ..usual },
-        // Not where a block of 256 or 4096 ends: a lost frame must not move a look to the other
-        // side of it.
+        // The reads do not lie where a block of 256 or 4096 ends: a lost frame must not move a read
+        // across that border.
         Asked { depths: [0, 8], ahead: 0, frames: 1_200, lead, look_every: 100, ..usual },
         Asked { depths: [0, 12], ahead: 0, frames: 4_500, lead, look_every: 500, ..usual },
         Asked { depths: [4, 0], frames: 300, look_every: 300, ..usual },
     ]
 }
 
-/// How much the reference's time is moved from one drift frame to the next, ns at 1 ms, so that
-/// each clock has a drift that shows: crystals of one maker may be almost alike.
+/// Movement of the reference's time from one drift frame to the next, ns at 1 ms. It gives each
+/// clock a visible drift: crystals of one maker may be almost alike.
 fn lead(crystals: &[Crystal]) -> i64 {
     let least = |lead: i64| {
         let drifts = crystals.iter().map(|crystal| (crystal.ppb - lead as f64 * 1_000.0).abs());
@@ -408,7 +407,7 @@ fn lead(crystals: &[Crystal]) -> i64 {
     })
 }
 
-/// Shortest and longest interval where one millisecond was asked for.
+/// Shortest and longest interval of the courses with an interval of 1 ms.
 fn paced(courses: &[Course]) -> (Nanos, Nanos) {
     let each = courses.iter().filter(|course| course.asked.interval == Nanos::millis(1));
     let gaps = each.flat_map(|course| course.frames.windows(2).map(|pair| pair[1].at - pair[0].at));
@@ -417,28 +416,28 @@ fn paced(courses: &[Course]) -> (Nanos, Nanos) {
     (Nanos(least.min(most)), Nanos(most))
 }
 
-/// From one fix to the other: with 1.5 ns each, 0.2 ppb.
+/// Time from one fix to the other: with an error of 1.5 ns each it gives 0.2 ppb.
 const CRYSTAL_WINDOW: Nanos = Nanos::millis(10_000);
-/// The same at the end.
+/// The same for the second measurement.
 const DRIFT_WINDOW: Nanos = Nanos::millis(5_000);
-/// Latches of one end, and their pace: about half a second, in which clocks 0.12 ppm apart show
-/// their jitter.
+/// Latches of one end, and their pace. They take about half a second, in which clocks 0.12 ppm
+/// apart show their jitter.
 const CRYSTAL_LATCHES: usize = 128;
 const CRYSTAL_PACE: Nanos = Nanos::millis(4);
 const WRAP: f64 = 4_294_967_296.0;
-/// How much a crystal may wander within a minute beside what the two measurements of it show.
+/// A crystal may wander within a minute by this much more than the two measurements show.
 const WANDER_PPB: f64 = 5.0;
-/// By how much delays are wrong: more than clocks 200 ppm apart drift from the fix to the drift
-/// frame on a slow host.
+/// The error that is given to delays: more than clocks 200 ppm apart drift from the fix to the
+/// drift frame on a slow host.
 const LAG: i64 = 20_000;
-/// A delay from which it can be taken away.
+/// A delay that is larger than [`LAG`].
 const USUAL_DELAY: i64 = 100_000;
 const POLARITY_TRIES: usize = 5;
-/// Courses of drift frames.
+/// Number of courses.
 const COURSES: usize = 8;
-/// Register 0x0930 in the course that has another one.
+/// Register 0x0930 in the course with another start value.
 const OTHER_START: u16 = 0x0400;
-/// Drifts of known size that may be added, ns each millisecond; the first that leaves each clock
-/// enough.
+/// Drifts of known size that may be added, ns each millisecond. The first one that leaves each
+/// clock enough drift is used.
 const LEADS: [i64; 7] = [0, 6, -6, 12, -12, 24, -24];
 const LEAST_DRIFT_PPB: f64 = 3_000.0;

@@ -1,11 +1,11 @@
-//! What a maker's description holds, as one JSON document: devices, their OpModes and slots, and modules.
+//! The content of an ESI file as one JSON document: devices, their OpModes and slots, and modules.
 
 use isocat_descriptions::esi::{Direction, EsiDevice, EsiFile, EsiModule, EsiSlots, Warning};
 use isocat_segment::profile::Profile;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-/// Version of the document; changes whenever a reader could be misled by an older schema.
+/// Version of the document; it changes whenever a reader could be misled by an older schema.
 pub const FORMAT: u32 = 1;
 
 /// JSON schema of the document, draft 2020-12.
@@ -14,25 +14,25 @@ pub fn schema() -> serde_json::Value {
     settings.into_generator().into_root_schema_for::<Catalog>().to_value()
 }
 
-/// What a description holds.
+/// The content of an ESI file.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Catalog {
     /// Version of this document: 1.
     pub format: u32,
-    /// The file, as it was named.
+    /// The file, as the caller named it.
     pub file: String,
     /// Vendor id.
     pub vendor_id: u32,
-    /// Name of the maker; empty if the file has none.
+    /// Vendor name; empty if the file has none.
     pub vendor: String,
     /// Devices in the order of the file.
     pub devices: Vec<Device>,
-    /// Modules in the order of the file, then those of further files.
+    /// Modules in the order of the file, then those of the other files.
     pub modules: Vec<Module>,
-    /// Devices and modules that can't be read, each with its place.
+    /// Devices and modules that cannot be read, each with its place.
     pub refused: Vec<String>,
-    /// What is doubtful about the file as a whole.
+    /// Warnings about the file as a whole.
     pub warnings: Vec<Doubt>,
 }
 
@@ -51,13 +51,14 @@ pub struct Device {
     pub revision: Option<u32>,
     /// Whether a newer device hides it.
     pub hidden: bool,
-    /// OpModes by their number.
+    /// OpModes in the order of their numbers.
     pub op_modes: Vec<OpMode>,
-    /// Why it can't be simulated, as a word; null if it can, or for a device with OpModes, which say so each.
+    /// Why it cannot be simulated, as a keyword; null if it can, or for a device with OpModes, each
+    /// of which has its own reason.
     pub not_simulated: Option<String>,
     /// Slots of a modular device; empty for any other.
     pub slots: Vec<Slot>,
-    /// What is doubtful about it.
+    /// Warnings about the device.
     pub warnings: Vec<Doubt>,
 }
 
@@ -71,7 +72,7 @@ pub struct OpMode {
     pub description: String,
     /// AssignActivate: registers 0x0980 (low byte) and 0x0981.
     pub assign_activate: u16,
-    /// Why it can't be simulated, as a word; null if it can.
+    /// Why it cannot be simulated, as a keyword; null if it can.
     pub not_simulated: Option<String>,
 }
 
@@ -81,17 +82,17 @@ pub struct OpMode {
 pub struct Slot {
     /// Name.
     pub name: String,
-    /// Number of its first place, from 0 through all slots.
+    /// Number of its first place, counted from 0 through all slots.
     pub first_place: u16,
-    /// Number of its places: how many modules it takes at most.
+    /// Number of its places: the largest number of modules.
     pub places: u16,
-    /// How many modules it must have.
+    /// Smallest number of modules.
     pub least: u16,
     /// Number of its group.
     pub group: u16,
-    /// Idents of the modules that it takes, as far as the files have them.
+    /// Idents of the modules that fit, as far as the files contain them.
     pub takes: Vec<u32>,
-    /// Ident of the module that stands there by default; null if none is preset.
+    /// Ident of the module that is preset; null if none is.
     pub preset: Option<u32>,
 }
 
@@ -101,39 +102,39 @@ pub struct Slot {
 pub struct Module {
     /// Ident.
     pub ident: u32,
-    /// Type: what key `modules` of a segment file calls it by.
+    /// Type: the name that key `modules` of a segment file uses.
     #[serde(rename = "type")]
     pub type_name: String,
     /// Name.
     pub name: String,
     /// Class; empty if it has none.
     pub class: String,
-    /// The file that it stands in, if that is a further one.
+    /// The file that contains it, if that is another one.
     pub file: Option<String>,
     /// Bits of its outputs that are in the process data by default.
     pub output_bits: u32,
     /// Bits of its inputs that are in the process data by default.
     pub input_bits: u32,
-    /// OpModes of the device that it is for; empty for all of them.
+    /// OpModes of the device to which it belongs; empty for all of them.
     pub op_modes: Vec<String>,
 }
 
-/// Something doubtful.
+/// A warning: something doubtful in the file.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Doubt {
     /// Its fixed name.
     pub kind: String,
-    /// Line of the first place that has it, from 1.
+    /// Line of its first place, from 1.
     pub line: usize,
-    /// How many places have it.
+    /// Number of its places.
     pub count: usize,
-    /// What was found and how it is taken, about the first.
+    /// What was found at the first place, and how it is read.
     pub message: String,
 }
 
 impl Catalog {
-    /// That of a description, with the modules that it took in.
+    /// The catalog of a description, with the modules that it includes.
     pub fn of(file: &EsiFile) -> Self {
         Self {
             format: FORMAT,
@@ -173,7 +174,7 @@ fn device(file: &EsiFile, device: &EsiDevice) -> Device {
     }
 }
 
-/// The slots of a device, with what they take of these modules.
+/// The slots of a device, with the modules among these that fit.
 pub fn slots(all: &EsiSlots, modules: &[EsiModule]) -> Vec<Slot> {
     let slot = |(number, slot): (usize, &isocat_descriptions::esi::EsiSlot)| {
         let mut places = all.places().filter(|place| place.slot_number == number);

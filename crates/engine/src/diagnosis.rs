@@ -1,7 +1,8 @@
-//! Why a SubDevice is not in sync, and what to do about it: from what a run showed, next to what was planned.
+//! Why a SubDevice is not in sync and what to do about it: from the results of a run, compared with
+//! the plan.
 //!
-//! Each cause is told with the figures that show it. What is not shown by figures is not told: then the meaning of the AL status
-//! code is all there is.
+//! Each cause is stated with the figures that show it. A cause that no figure shows is not stated:
+//! then only the meaning of the AL status code is given.
 
 use isocat_descriptions::quantity::time;
 use isocat_maindevice::Segment;
@@ -18,22 +19,23 @@ use crate::recording::cycle::{CycleSeen, acting};
 use crate::recording::series::Series;
 use crate::recording::{Recorded, RecordedDevice};
 
-/// What is wrong with one SubDevice, or the segment.
+/// A fault of one SubDevice or of the segment.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Diagnosis {
-    /// The SubDevice; `None`: the segment.
+    /// The SubDevice; `None` for the segment.
     pub position: Option<usize>,
-    /// Its name; `the segment`.
+    /// Its name, or `the segment`.
     pub who: String,
     /// What is wrong, in one sentence with its figures.
     pub what: String,
     /// Why, as far as figures show it.
     pub causes: Vec<String>,
-    /// What to do, the surest first.
+    /// What to do, the most certain first.
     pub remedies: Vec<String>,
 }
 
-/// All that is wrong; empty for a segment in sync. `limit` is the largest SYNC0 error that the judges allowed.
+/// All faults; empty for a segment in sync. `limit` is the largest SYNC0 error that the judges
+/// allowed.
 pub fn diagnose(
     report: &Report,
     recorded: &Recorded,
@@ -116,7 +118,7 @@ fn of_segment(finding: &crate::report::Finding) -> Diagnosis {
     }
 }
 
-/// One SubDevice that is looked at.
+/// One SubDevice under diagnosis.
 struct Case<'a> {
     report: &'a Report,
     timing: Option<&'a Timing>,
@@ -131,7 +133,7 @@ struct Case<'a> {
 }
 
 impl Case<'_> {
-    /// SYNC pulses that made no edge.
+    /// Looks for SYNC pulses that made no edge.
     fn lost_pulses(&mut self) {
         let mut own = self.report.findings.iter().filter(|f| f.position == Some(self.position));
         let Some(acknowledged) = own.find_map(|finding| match finding.kind {
@@ -171,7 +173,7 @@ impl Case<'_> {
         self.causes.extend(self.short_line());
     }
 
-    /// Outputs that are not ready when their pulse comes.
+    /// Looks for outputs that are not ready when their pulse comes.
     fn outputs(&mut self) {
         let (Some(timing), Some(device), Some(cycle)) =
             (self.timing, self.device, self.seen.cycle.as_ref())
@@ -233,7 +235,7 @@ impl Case<'_> {
         }
     }
 
-    /// Outputs or inputs that miss their cycle though they come regularly.
+    /// Looks for outputs or inputs that miss their cycle though they come regularly.
     fn late(&mut self) {
         let device = &self.report.devices[self.position];
         let cycle = device.cycle_ns.unwrap_or(self.report.cycle_ns).max(self.report.cycle_ns);
@@ -272,7 +274,7 @@ impl Case<'_> {
         }
     }
 
-    /// What came of it.
+    /// States the consequence.
     fn consequence(&mut self) {
         let device = &self.report.devices[self.position];
         let (missed, highest) =
@@ -285,7 +287,7 @@ impl Case<'_> {
         }
     }
 
-    /// A later pulse: how much later, and whether there is room for it.
+    /// Suggests a later pulse: by how much, and whether the plan has the slack.
     fn later(&mut self, cycle: &CycleSeen, device: &Device, timing: &Timing, late: f64) {
         let Some(shift) = timing.sync0 else { return };
         // What the plan keeps free beside what was seen.
@@ -320,7 +322,7 @@ impl Case<'_> {
         }
     }
 
-    /// The line of the plan that does not fit, where it was run all the same.
+    /// A line of the plan that does not fit, if the plan was run nevertheless.
     fn short_line(&self) -> Option<String> {
         let lines = &self.report.devices[self.position].plan;
         let line =
@@ -329,7 +331,7 @@ impl Case<'_> {
         Some(format!("The plan had said so: {}: {}: slack {slack}.", line.object, line.demand))
     }
 
-    /// Outputs that did not come at all.
+    /// Looks for outputs that did not come at all.
     fn frames(&mut self) {
         if self.seen.missed_count == 0 || !self.causes.is_empty() {
             return;
@@ -353,7 +355,7 @@ impl Case<'_> {
         self.remedies.push("See what became of the frames: isocat run --capture run.pcapng has a comment at each such instant.".into());
     }
 
-    /// A clock that is not where it should be.
+    /// Looks for a clock with an error.
     fn clock(&mut self) {
         let series = &self.seen.sync0;
         let Some((least, largest)) = series.range() else { return };
@@ -382,7 +384,7 @@ impl Case<'_> {
         }
     }
 
-    /// What its AL status code means.
+    /// States what its AL status code means.
     fn code(&mut self, code: u16) {
         if code == 0 {
             return;
@@ -397,7 +399,7 @@ impl Case<'_> {
     }
 }
 
-/// How fast a series in ps moves, in us each second, which is ppm: from its first to its last tenth.
+/// Slope of a series in ps, in us per second, which is ppm: from its first to its last tenth.
 fn slope_ppm(series: &Series) -> f64 {
     let spans = series.spans();
     let tenth = (spans.len() / 10).max(1);

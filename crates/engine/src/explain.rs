@@ -1,9 +1,10 @@
-//! What a code, an object, a register, a word, a mode, a symptom or a key of a file means: from what somebody types to the
-//! tables of [`isocat_sync::explain`] and [`isocat_segment::keys`].
+//! Meaning of a code, object, register, word, mode, symptom or key of a file: looks up the user's
+//! text in the tables of [`isocat_sync::explain`] and [`isocat_segment::keys`].
 //!
-//! A key may stand in several places: each has its [`Meaning`]. `key object` is the key where `object` alone is a kind.
-//! A bare number may be several things: each has its [`Meaning`], the likeliest first. A kind before the
-//! number (`AL 0x0030`, `SI4 0x0427`, `register 0x0300`) says which one is meant.
+//! A key may occur in several places, and each has its [`Meaning`]. `key object` is the key where
+//! `object` alone is a kind. A bare number may be several things, and each has its [`Meaning`], the
+//! likeliest first. A kind before the number (`AL 0x0030`, `SI4 0x0427`, `register 0x0300`) selects
+//! one.
 
 mod key;
 mod number;
@@ -29,32 +30,32 @@ pub const FORMAT: &str = "isocat-explain/1";
 /// One meaning of what was asked for.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Meaning {
-    /// What kind of thing it is.
+    /// Kind of thing.
     pub kind: &'static str,
     /// The thing as the field writes it.
     pub what: String,
-    /// What it is called.
+    /// Its name.
     pub name: String,
     /// What it means.
     pub means: &'static str,
-    /// The value taken apart, line by line; empty without a value.
+    /// The decoded value, line by line; empty without a value.
     pub value: Vec<String>,
     /// The usual causes, likeliest first.
     pub causes: &'static [&'static str],
-    /// What to read next.
+    /// Objects and registers to read next.
     pub read: &'static [&'static str],
     /// What to change.
     pub change: &'static [&'static str],
 }
 
-/// Something that nothing is known of.
+/// A text without a known meaning.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Unknown {
-    /// What was asked for.
+    /// The user's text.
     pub what: String,
     /// Why it is not understood.
     pub reason: String,
-    /// What is near, and what is understood.
+    /// Similar texts, and the forms that are understood.
     pub hint: String,
 }
 
@@ -66,8 +67,8 @@ impl std::fmt::Display for Unknown {
 
 impl std::error::Error for Unknown {}
 
-/// Explains what was typed, as one text: `0x001A`, `0x06090030`, `0x1C32:0B`, `0x1C32:04=0x0427`, `AL 0x0030`,
-/// `dc-sync0`, `input_shift`. At least one meaning, the likeliest first.
+/// Explains a text: `0x001A`, `0x06090030`, `0x1C32:0B`, `0x1C32:04=0x0427`, `AL 0x0030`,
+/// `dc-sync0`, `input_shift`. Returns at least one meaning, the likeliest first.
 pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
     let what = what.trim();
     let unknown =
@@ -99,7 +100,8 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
         let reason = format!("a number must follow, such as \"{} {}\"", kind.name, kind.example);
         return unknown(reason, understood(None));
     }
-    // A word such as "jitter" is both: who asks for it looks for a fault first.
+    // A word such as "jitter" is both; the user more likely looks for a fault, so the symptom comes
+    // first.
     let mut of_words: Vec<_> = symptoms::find(what).map(symptom_meaning).into_iter().collect();
     of_words.extend(key::meanings(what));
     if !of_words.is_empty() {
@@ -138,7 +140,7 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
     let reason = format!("{} is no number that is known", number.hex());
     match u16::try_from(number.value) {
         Ok(code) => match near_al_code(code) {
-            // Objects begin here.
+            // Objects start at this index.
             None if code >= 0x1000 => unknown(reason, known_objects()),
             near => unknown(reason, understood(near)),
         },
@@ -146,7 +148,7 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
     }
 }
 
-/// All that a bare number may be.
+/// All meanings of a bare number.
 fn meanings(number: Number, value: Option<u32>) -> Vec<Meaning> {
     let Ok(short) = u16::try_from(number.value) else {
         return abort_meaning(number.value).into_iter().collect();
@@ -160,7 +162,8 @@ fn meanings(number: Number, value: Option<u32>) -> Vec<Meaning> {
     let word = assign_activate::KNOWN.contains(&short) && value.is_none();
     let word = word.then(|| word_meaning(short));
     let code = (value.is_none()).then(|| al_meaning(short)).flatten();
-    // Of small numbers the code is meant; of those that are both, a word is what is read and written.
+    // For small numbers the AL status code is the likeliest. Of those that are both register and
+    // AssignActivate word, the word is more often met.
     all.extend(code);
     let word_first = !MORE_OFTEN_REGISTERS.contains(&short);
     let (first, second) = if word_first { (word, register) } else { (register, word) };
@@ -169,14 +172,14 @@ fn meanings(number: Number, value: Option<u32>) -> Vec<Meaning> {
     if objects::COMMON_SUPPORTED.contains(&short) && value.is_none() {
         all.push(supported_meaning(short));
     }
-    // Numbers below are AL status codes and registers, which are more often meant.
+    // Smaller numbers are AL status codes and registers, which are more often meant.
     if short >= FIRST_SOE && value.is_none() {
         all.extend(soe_meaning(short));
     }
     all
 }
 
-/// The first SoE error code of those that are explained without a word before them.
+/// The first SoE error code that is explained without a kind before it.
 const FIRST_SOE: u16 = 0x1001;
 
 /// Words for AssignActivate that are more often registers.
@@ -186,7 +189,7 @@ const MORE_OFTEN_REGISTERS: [u16; 2] = [0x0120, 0x0130];
 struct Kind {
     name: &'static str,
     aliases: &'static [&'static str],
-    /// A number of this kind.
+    /// An example number of this kind.
     example: &'static str,
     explain: fn(u32) -> Option<Meaning>,
     near: fn(u32) -> Option<String>,
@@ -379,8 +382,8 @@ fn word_meaning(word: u16) -> Meaning {
     meaning
 }
 
-/// The registers of two plain OpModes with this word: SYNC0 and SYNC1 once a millisecond, and SYNC0 four times as
-/// often as SYNC1.
+/// The registers of two plain OpModes with this AssignActivate word: one with SYNC0 and SYNC1 once
+/// a millisecond, and one with SYNC0 four times as often as SYNC1.
 fn registers_of(word: AssignActivate) -> [Option<opmode::Registers>; 2] {
     [(1, 250_000), (-4, 0)].map(|(factor, shift1)| {
         let plain = opmode::OpMode {
@@ -426,7 +429,7 @@ fn mode_meaning(mode: SyncMode) -> Meaning {
     of("mode", mode.name().into(), "synchronization mode", modes::explain(mode))
 }
 
-/// `0x1C32:0B`, `1C32:0B`: both parts in hexadecimal.
+/// Parses `0x1C32:0B` or `1C32:0B`: both parts are hexadecimal.
 fn object_address(text: &str) -> Option<ObjectAddress> {
     let (index, sub) = text.split_once(':')?;
     let hex = |text: &str| {
@@ -437,7 +440,7 @@ fn object_address(text: &str) -> Option<ObjectAddress> {
     Some(ObjectAddress::new(hex(index)?, u8::try_from(hex(sub)?).ok()?))
 }
 
-/// What may have been meant by a word: a mode, a kind, or a key of a file.
+/// Similar words: a mode, a kind, or a key of a file.
 fn near_word(word: &str) -> String {
     let modes = SyncMode::ALL.iter().map(|mode| mode.name());
     let words: Vec<_> = modes.chain(KINDS.iter().map(|kind| kind.name)).chain(["modes"]).collect();
@@ -471,14 +474,14 @@ fn near_al_code(code: u16) -> Option<String> {
 
 fn near_abort(code: u32) -> Option<String> {
     let (near, _) = aborts::CODES.iter().min_by_key(|(known, _)| {
-        // Two that differ in a digit are nearer than two whose difference is small.
+        // A code that differs in one digit is nearer than one with a small difference.
         let digits = (0..8).filter(|digit| (known ^ code) >> (4 * digit) & 0xF != 0).count();
         (digits, known.abs_diff(code))
     })?;
     Some(format!("the nearest SDO abort code is {}", AbortCode(*near)))
 }
 
-/// What is understood, and of which objects something is known.
+/// The understood forms, with the list of known objects.
 fn known_objects() -> String {
     understood(Some(object_list()))
 }
@@ -495,7 +498,7 @@ fn understood(near: Option<String>) -> String {
     }
 }
 
-/// What is understood.
+/// The understood forms.
 const FORMS: &str = "understood: 0x001A (AL status code), 0x06090030 (SDO abort code), 0x1C32:0B \
                      (object), 0x1C32:04=0x0427 (its value), 0x0990 (register), 0x0300 \
                      (AssignActivate), dc-sync0 (mode), modes, \"lost sync\" (symptom), input_shift \

@@ -1,12 +1,12 @@
 //! Plans a segment, runs it, and says how good it was.
 //!
-//! Data's way: what a [`Scenario`]'s timing will be, [`plan`] tells before anything is sent, and
-//! [`plan::proof`] holds that against true time. A run in virtual time ([`run`]) ends in a
-//! [`report`]; [`recording`] keeps what pictures are drawn of, [`timeline`] the cycles of one
-//! SubDevice, [`moment`] by moment; [`diagnosis`] looks for causes in both. [`scan`] tells what a
-//! segment is before any cycle, [`calibrate`] measures what its chips do that no data sheet tells.
-//! [`verdict`] judges a segment by what its wire shows. `sweep` runs a segment many times, on
-//! several threads. While a segment runs, [`status`] is what is known of it. On Linux, [`live`]
+//! How data flow: [`plan`] computes the timing of a [`Scenario`] before anything is sent, and
+//! [`plan::proof`] compares that with true time. A run in virtual time ([`run`]) ends in a
+//! [`report`]; [`recording`] keeps the data for pictures, [`timeline`] the cycles of one SubDevice,
+//! [`moment`] by moment; [`diagnosis`] looks for causes in both. [`scan`] identifies a segment
+//! before any cycle, and [`calibrate`] measures the behaviour of its chips that no data sheet
+//! states. [`verdict`] judges a segment by what its wire shows. `sweep` runs a segment many times,
+//! on several threads. While a segment runs, [`status`] holds its present state. On Linux, [`live`]
 //! does the same jobs on a real interface. [`explain`] gives codes, objects and registers their
 //! meaning.
 #![forbid(unsafe_code)]
@@ -41,13 +41,13 @@ pub fn run(scenario: &Scenario) -> Report {
     Report::new(scenario, &outcome)
 }
 
-/// Does a run without a tap. It is compiled here, so that callers that are built for size, as the
-/// library for Python is, have the fast one as well.
+/// Does a run without a tap. This crate compiles it, so that callers that are optimized for size,
+/// such as the library for Python, run it at full speed too.
 pub fn unwatched(run: Run, progress: &mut dyn FnMut(Progress)) -> Outcome<NoTap> {
     run.execute(None, progress)
 }
 
-/// The tap of a run without a tap. No value of it exists, so its calls cost nothing.
+/// The tap type of a run without a tap. No value of it exists, so its calls cost nothing.
 #[derive(Debug)]
 pub enum NoTap {}
 

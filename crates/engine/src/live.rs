@@ -1,8 +1,9 @@
 //! A run on a real network interface: the main job in host time.
 //!
-//! [`job`] is the main job with `isocat-host`: way up, time in operation, what registers and objects say at the end, way down. [`scan`]
-//! looks at what is there and runs nothing. `judge` says what speaks against the segment being in sync, by what was read from
-//! it alone: nobody here knows true time.
+//! [`job`] is the main job with `isocat-host`: way up, time in operation, the registers and objects
+//! at the end, way down. [`scan`] only identifies the devices and runs nothing. `judge` states the
+//! reasons against the segment being in sync, only from what was read from it: a live run does not
+//! know true time.
 
 mod capture;
 pub mod job;

@@ -1,9 +1,10 @@
-//! What an event of the simulation is in the words of synchronization: the one place where both are known.
+//! Translates events of the simulation into terms of synchronization: the one place that knows
+//! both.
 
 use isocat_sim::observation::Observed;
 use isocat_sync::{Moment, Step};
 
-/// The moment of the cycle that was observed; `None`: it is none of a cycle.
+/// The moment of the cycle that was observed; `None` if the event is none of a cycle.
 pub fn of(event: Observed) -> Option<Moment> {
     Some(match event {
         Observed::Sm2 => Moment::Sm2,

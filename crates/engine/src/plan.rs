@@ -1,11 +1,11 @@
 //! The timing budget of a segment, before anything is sent.
 //!
-//! [`Plan::of`] makes of a scenario the segment that a MainDevice would find, as far as profiles and cables
-//! tell it, and lets the MainDevice's own planner decide: modes, process image, frames, phases, and each demand
-//! on the cycle as a line. [`Plan::report`] is that as a document; [`proof`] runs the segment with the worst
-//! jitter that was planned with and puts what really happened next to each line; [`what_if`] runs it once for
-//! each cable and SubDevice that may go; [`suggest`] looks for the phase with the most even slack and the
-//! smallest cycle.
+//! [`Plan::of`] makes from a scenario the segment that a MainDevice would find, as far as profiles
+//! and cables tell it. The MainDevice's own planner then decides modes, process image, frames and
+//! phases, and gives each demand on the cycle as a line. [`Plan::report`] is the plan as a
+//! document. [`proof`] runs the segment with the largest planned jitter and puts the measured worst
+//! cases next to each line. [`what_if`] runs it once for each cable and SubDevice that may fail.
+//! [`suggest`] looks for the phase with the most even slack and the smallest cycle.
 
 use isocat_maindevice::segment::Timing;
 use isocat_maindevice::{Config, Error, Segment};
@@ -27,18 +27,18 @@ pub use proof::Proof;
 pub use report::PlanReport;
 pub use what_if::WhatIf;
 
-/// A segment with everything decided.
+/// A segment with all decisions made.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// The segment as a MainDevice would have it before it sends its first cyclic frame.
+    /// The segment as a MainDevice would have it before its first cyclic frame.
     pub segment: Segment,
-    /// What was asked for. Lines that do not fit are no error here.
+    /// The configuration that was asked for. Lines that do not fit are no error here.
     pub config: Config,
 }
 
 impl Plan {
-    /// Plans the segment of a scenario. An error is a segment that can't be at all, such as a mode that a device
-    /// does not have; a line that does not fit is part of the plan.
+    /// Plans the segment of a scenario. An error is a segment that is impossible, such as one with
+    /// a mode that a device does not have; a line that does not fit is part of the plan.
     pub fn of(scenario: &Scenario) -> Result<Self, Error> {
         let config = Config { force: true, ..scenario.config() };
         let mut segment = offline::segment(&scenario.devices);
@@ -46,7 +46,7 @@ impl Plan {
         Ok(Self { segment, config })
     }
 
-    /// The same segment with other wishes.
+    /// Plans the same segment with another configuration.
     pub fn with(&self, config: Config) -> Result<Self, Error> {
         let mut segment = self.segment.clone();
         segment.timing = None;
@@ -60,7 +60,8 @@ impl Plan {
         self.segment.timing.as_ref().expect("a plan has its timing")
     }
 
-    /// All lines: the position of the SubDevice, `None` for those of the frames, and the demand.
+    /// All lines: the position of the SubDevice (`None` for the lines of the frames), and the
+    /// demand.
     pub fn demands(&self) -> impl Iterator<Item = (Option<usize>, Demand)> + '_ {
         let timing = self.timing();
         let of_devices = (0..timing.devices.len()).flat_map(move |position| {
@@ -70,7 +71,7 @@ impl Plan {
         std::iter::once((None, timing.frames_in_cycle())).chain(of_devices)
     }
 
-    /// The line of the cycle with the least slack; where a line does not fit, the one that lacks
+    /// The line of the cycle with the least slack; if some lines do not fit, the one that lacks
     /// most.
     pub fn tightest(&self) -> (Option<usize>, Demand) {
         let counts = |demand: &Demand| demand.check.is_of_cycle() || !demand.line().fits();
@@ -79,7 +80,7 @@ impl Plan {
         least.expect("the frames have a line")
     }
 
-    /// Whether every line has slack.
+    /// Whether every line fits.
     pub fn fits(&self) -> bool {
         self.demands().all(|(_, demand)| demand.line().fits())
     }

@@ -1,10 +1,11 @@
-//! What is kept of a run for its pictures: when what happens in the cycle of each SubDevice, how far its SYNC0 is off, how the
-//! host keeps its phase. All in true time, against the reference clock.
+//! The data of a run for its pictures: when the events in the cycle of each SubDevice happen, the
+//! SYNC0 error, and the host's phase. All are in true time, against the reference clock.
 //!
-//! A [`Recording`] is an onlooker of a run ([`Tap`]). Its memory is bounded, however long the run is: of each event the
-//! least, the mean and the largest phase ([`cycle`]), of each series some hundred spans of time ([`series`]), of incidents the
-//! first few. It begins with the first cycle, and anew when all SubDevices are in operation, so that a way up that fails can be
-//! seen, too; phases are taken a few cycles later, when everybody does all that he does.
+//! A [`Recording`] observes a run ([`Tap`]). Its memory is bounded, however long the run is: least,
+//! mean and largest phase of each event ([`cycle`]), some hundred spans of time of each series
+//! ([`series`]), and the first few incidents. It starts with the first cycle, and restarts when all
+//! SubDevices are in operation, so that a way up that fails can be seen, too. Phases are taken a
+//! few cycles later, when all SubDevices have started all their activities.
 
 pub mod cycle;
 pub mod series;
@@ -41,14 +42,14 @@ pub struct Recording {
     unsaid: u64,
     lost: u64,
     wrong: u64,
-    /// Cyclic frames that have left in this cycle.
+    /// Times of the cyclic frames that have left in this cycle.
     left: Vec<Time<True>>,
     last: Picos,
     timing: Option<Timing>,
     reference: Option<usize>,
 }
 
-/// What is known when operation begins.
+/// What is known at the beginning of operation.
 #[derive(Debug)]
 struct Began {
     at: Time<True>,
@@ -58,7 +59,7 @@ struct Began {
     operating: bool,
 }
 
-/// What is kept of one SubDevice.
+/// The record of one SubDevice.
 #[derive(Debug, Default)]
 struct DeviceRecord {
     judge: Option<Sync0Error>,
@@ -68,7 +69,7 @@ struct DeviceRecord {
     phases: Option<Phases>,
     missed: Vec<(Picos, u16)>,
     missed_count: u64,
-    /// What happened last, to be kept if it goes wrong.
+    /// The latest events, to be kept if something goes wrong.
     recent: VecDeque<(Time<True>, Moment)>,
     around_miss: Option<AroundMiss>,
 }
@@ -80,71 +81,74 @@ struct AroundMiss {
     events: Vec<(Time<True>, Moment)>,
 }
 
-/// Something that happened while it was recorded.
+/// An incident during the recording.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Incident {
-    /// Since the beginning of what is recorded.
+    /// Time since the beginning of the recording.
     pub at: Picos,
     /// The SubDevice; `None` concerns the segment.
     pub device: Option<usize>,
-    /// In words.
+    /// Description.
     pub what: String,
 }
 
-/// What was recorded.
+/// The result of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct Recorded {
-    /// All SubDevices were in operation: what is told is the judged time. Else it is the way up, from the first cycle on.
+    /// Whether all SubDevices were in operation: the recording is then that of the judged time,
+    /// otherwise that of the way up from the first cycle on.
     pub operating: bool,
-    /// How long was recorded.
+    /// Length of the recording.
     pub length: Picos,
     /// The SubDevices, by position.
     pub devices: Vec<RecordedDevice>,
-    /// When cyclic frames reached the reference clock, less when they should have: ps.
+    /// Arrival of cyclic frames at the reference clock, less their due time, ps.
     pub host_phase: Series,
-    /// States of the host's servo: since when.
+    /// States of the host's servo, and the time of each change.
     pub servo: Vec<(Picos, phase::State)>,
-    /// What happened, in the order of time; at most [`MOST_INCIDENTS`].
+    /// Incidents in the order of time; at most [`MOST_INCIDENTS`].
     pub incidents: Vec<Incident>,
-    /// Incidents beyond these.
+    /// Number of incidents beyond these.
     pub unsaid: u64,
 }
 
-/// What was recorded of one SubDevice.
+/// The recording of one SubDevice.
 #[derive(Clone, Debug, Default)]
 pub struct RecordedDevice {
     /// SYNC0 against the ideal grid of the reference clock: ps.
     pub sync0: Series,
-    /// The same by size.
+    /// The same values by size.
     pub histogram: Histogram,
-    /// Register 0x092C as it stood in the ESC each cycle: ps. Empty without SYNC0, and at the reference clock.
+    /// Register 0x092C in the ESC in each cycle, ps. Empty without SYNC0, and at the reference
+    /// clock.
     pub difference: Series,
-    /// Its cycle; `None` if there was none to see.
+    /// Its cycle; `None` if none was observed.
     pub cycle: Option<CycleSeen>,
     /// The first missed SM events, and the counter's value.
     pub missed: Vec<(Picos, u16)>,
-    /// All missed SM events.
+    /// Number of all missed SM events.
     pub missed_count: u64,
-    /// What happened around the first pulse that found no outputs ready: from its instant on, before it negative. On the way up
-    /// none is counted as missed yet, but it is kept all the same.
+    /// The events around the first pulse that found no outputs ready. Times count from its instant
+    /// and are negative before it. On the way up no event is counted as missed yet, but it is kept
+    /// nevertheless.
     pub around_miss: Option<Timeline>,
 }
 
-/// Incidents that are kept.
+/// Number of incidents that are kept.
 pub const MOST_INCIDENTS: usize = 200;
-/// Cyclic frames of one cycle.
+/// Largest number of cyclic frames of one cycle.
 const MOST_LEFT: usize = 64;
-/// Missed events of one SubDevice that are kept.
+/// Number of missed events of one SubDevice that are kept.
 const MOST_MISSED: usize = 50;
-/// Cycles from the beginning of operation until phases are taken, and before its end.
+/// Cycles at the beginning and at the end of operation in which no phases are taken.
 const SETTLING: i64 = 8;
-/// Events kept before the first missed one, and after it.
+/// Number of events kept before the first missed one, and after it.
 const BEFORE: usize = 28;
 const AFTER: usize = 14;
 
 impl Recording {
-    /// Follows a run that is judged for `duration`, with SYNC0 errors up to `limit` taken as synchronized. Series have up to
-    /// `spans` spans of time.
+    /// Records a run that is judged for `duration`, with SYNC0 errors up to `limit` taken as
+    /// synchronized. Series have up to `spans` spans of time.
     pub fn new(duration: Nanos, limit: Nanos, spans: usize) -> Self {
         Self {
             duration: duration.into(),
@@ -165,7 +169,7 @@ impl Recording {
         }
     }
 
-    /// What was recorded.
+    /// The result of the recording.
     pub fn finish(self) -> Recorded {
         let devices = self.devices.into_iter().map(|device| RecordedDevice {
             sync0: device.sync0,
@@ -189,7 +193,7 @@ impl Recording {
         }
     }
 
-    /// Everything from `at` on, as if nothing had been before.
+    /// Restarts the recording at `at`.
     fn begin(&mut self, at: Time<True>, intent: &Intent, operating: bool) {
         let settling = Picos(SETTLING * Picos::from(intent.send.cycle).0);
         let judge = |position: usize| {
@@ -227,7 +231,7 @@ impl Recording {
         }
     }
 
-    /// Since the beginning, if `at` is in the judged time or on the way up.
+    /// Time since the beginning, if `at` is in the judged time or on the way up.
     fn since(&self, at: Time<True>) -> Option<Picos> {
         let began = self.began.as_ref()?;
         let since = at - began.at;
@@ -238,7 +242,7 @@ impl Recording {
 
 impl Tap for Recording {
     fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]) {
-        // What nobody takes away is not kept.
+        // Frames are kept up to a limit, in case no cycle takes them.
         if sent && self.left.len() < MOST_LEFT && is_cyclic(bytes) {
             self.left.push(at);
         }
@@ -337,7 +341,7 @@ impl Tap for Recording {
 }
 
 impl DeviceRecord {
-    /// Keeps what led to the first pulse without outputs, and what follows.
+    /// Keeps the events before the first pulse without outputs, and those after it.
     fn keep_around(&mut self, at: Time<True>) {
         if self.around_miss.is_none() {
             let events = self.recent.iter().copied().collect();

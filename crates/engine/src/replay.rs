@@ -1,14 +1,15 @@
 //! Replays the capture of a real segment through a chain of modelled ESCs and compares each answer.
 //!
-//! Data's way: `exchange` has requests with their answers, `parts` takes frames apart, `evidence`
-//! gathers what the capture shows of each SubDevice and `guess` which chip that is; `chain` is the
-//! model. Before each request `cpu` does at the PDI what the answer shows that the CPU had done
-//! (`sight` is what an answer shows of a SubDevice's memory); then the request passes the chain,
-//! `compare` says what differs, and `ledger` why. [`ReplayReport`] tells it.
+//! How data flow: `exchange` has requests with their answers, `parts` takes frames apart,
+//! `evidence` collects what the capture shows of each SubDevice, and `guess` derives its chip from
+//! that; `chain` is the model. Before each request `cpu` does at the PDI what the answer shows that
+//! the CPU had done (`sight` is the part of a SubDevice's memory that an answer shows). Then the
+//! request passes the chain, `compare` finds the differences, and `ledger` their reasons.
+//! [`ReplayReport`] reports them.
 //!
 //! A difference has a [`Kind`]. Some are known variances of parts and sessions
-//! ([`Kind::is_explained`]): the model takes them over, so that each is told once. The others are
-//! faults of the model, or of the silicon.
+//! ([`Kind::is_explained`]): the model adopts them, so that each is reported once. The others are
+//! faults of the model or of the silicon.
 
 mod chain;
 mod compare;
@@ -38,43 +39,43 @@ use ledger::Ledger;
 use parts::pairs;
 pub use report::{DeviceReport, Difference, FORMAT, KindReport, ReplayReport, schema};
 
-/// Why a capture can't be replayed.
+/// Why a capture cannot be replayed.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Nothing {
-    /// No frame of EtherCAT.
+    /// It has no EtherCAT frame.
     NoFrames {
-        /// Frames of other protocols.
+        /// Number of frames of other protocols.
         foreign: usize,
-        /// Packets that the file has cut off, or that are none of Ethernet.
+        /// Number of packets that the file has truncated, or that are not Ethernet.
         unreadable: usize,
     },
-    /// Requests alone.
+    /// It has only requests.
     NoAnswers {
-        /// How many.
+        /// Their number.
         requests: usize,
-        /// Packets that the file has cut off, or that are none of Ethernet.
+        /// Number of packets that the file has truncated, or that are not Ethernet.
         unreadable: usize,
     },
-    /// Answers alone.
+    /// It has only answers.
     NoRequests {
-        /// How many.
+        /// Their number.
         answers: usize,
     },
-    /// Frames came back, and no SubDevice has counted.
+    /// Frames came back, but no SubDevice incremented a working counter or position.
     NoDevices {
-        /// How many.
+        /// Number of frames.
         frames: usize,
     },
-    /// More SubDevices than a segment can have, as it seems.
+    /// The number of SubDevices exceeds the limit.
     TooMany {
-        /// How many.
+        /// Their number.
         found: usize,
     },
     /// The segment file has another number of SubDevices.
     OtherSegment {
-        /// In the segment file.
+        /// Number in the segment file.
         expected: usize,
-        /// In the capture.
+        /// Number in the capture.
         found: usize,
     },
 }
@@ -117,8 +118,7 @@ impl fmt::Display for Nothing {
 
 impl std::error::Error for Nothing {}
 
-/// Replays what was read of a capture; `source` names it. `told`: what a segment file says of each
-/// SubDevice.
+/// Replays a capture; `source` names it. `told` is what a segment file states of each SubDevice.
 pub fn replay(
     source: &str,
     reading: &Reading,
@@ -171,12 +171,12 @@ struct Replayer {
     chain: Chain,
     cpus: Cpus,
     ledger: Ledger,
-    /// SubDevices that the last frame reached.
+    /// Number of SubDevices that the last frame reached.
     reached: usize,
 }
 
 impl Replayer {
-    /// The first of these exchanges; the others are what comes later.
+    /// Replays the first of these exchanges; the others follow later.
     fn exchange(&mut self, ahead: &[Exchange], report: &mut ReplayReport) {
         let Some(exchange) = ahead.first() else { return };
         self.chain.advance(exchange.at);
@@ -204,8 +204,8 @@ impl Replayer {
         report.compared(exchange, *answer, compared, &list);
     }
 
-    /// How many SubDevices a frame reached, by the positions that it counted; a difference if these
-    /// are others than before.
+    /// Determines the number of SubDevices that a frame reached, from the positions that it
+    /// counted. Returns a difference if that number has changed.
     fn reach(&mut self, exchange: &Exchange) -> Option<Raw> {
         let passed = pairs(exchange).iter().find_map(parts::Pair::passed)?;
         let passed = passed.min(self.chain.escs.len());
@@ -221,5 +221,5 @@ impl Replayer {
     }
 }
 
-/// SubDevices of a capture. A segment has 65 535 at most; captures at hand have ten.
+/// Limit of the SubDevices in a capture. A segment has at most 65 535; captures at hand have ten.
 const MOST_DEVICES: usize = 1024;

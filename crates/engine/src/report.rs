@@ -1,8 +1,8 @@
-//! What a run says of itself: one document, for people and for machines.
+//! The report of a run: one document, for people and for machines.
 //!
-//! Every figure says where it comes from: `true_time` was measured by the simulation's judges in true
-//! time, `registers` was read from the SubDevice over the wire, `main_device` is what the MainDevice
-//! measured or counted with its own clock, `plan` was computed before the run.
+//! The origin of every figure is known: `true_time` was measured by the simulation's judges in true
+//! time, `registers` was read from the SubDevice over the wire, `main_device` is what the
+//! MainDevice measured or counted with its own clock, `plan` was computed before the run.
 
 pub mod age;
 mod build;
@@ -36,7 +36,7 @@ pub(crate) use text::{BAD, GOOD, QUIET};
 
 use typed::{KindDocument, StateRead};
 
-/// Version of the document; changes whenever a reader could be misled by an older schema.
+/// Version of the document; it changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-run-report/7";
 
 /// JSON schema of the document, draft 2020-12.
@@ -57,23 +57,25 @@ pub struct Report {
     pub format: &'static str,
     /// Version of the program.
     pub version: &'static str,
-    /// Where the segment was described.
+    /// File with the description of the segment.
     pub segment_file: String,
-    /// Seed of all randomness: with it the run repeats.
+    /// Seed of all randomness; it makes the run repeatable.
     pub seed: u64,
-    /// Whether every SubDevice ran as it was asked to.
+    /// Whether every SubDevice ran as asked.
     pub in_sync: bool,
     /// One sentence for people.
     pub verdict: String,
-    /// What was expected of it, and whether it came so; empty if the segment file expects nothing in particular.
+    /// The expectations, and whether they were met; empty if the segment file has none.
     pub expected: Vec<Expected>,
-    /// What went wrong on purpose, in the order of time; of very much the last.
+    /// Injected faults, in the order of time; of very many only the last.
     pub faults: Vec<FaultNote>,
-    /// Why not, in the order of time; what has no time of its own comes last.
+    /// Why it was not in sync, in the order of time; findings without a time come last.
     pub findings: Vec<Finding>,
-    /// How SubDevices that may be absent came and went; nothing against the segment.
+    /// Departures and returns of SubDevices that may be absent; they do not count against the
+    /// segment.
     pub visits: Vec<Finding>,
-    /// Optional services that SubDevices answered badly, and what was taken instead; nothing against the segment.
+    /// Optional services that SubDevices answered badly, and what was used instead; they do not
+    /// count against the segment.
     pub services: Vec<ServiceNote>,
     /// Bus cycle.
     pub cycle_ns: i64,
@@ -81,16 +83,18 @@ pub struct Report {
     pub judged_ns: i64,
     /// Figures of the segment.
     pub segment: Segment,
-    /// What was read in the background; null if the segment file does not ask for it, or operation was not reached.
+    /// Results of the background reads; null if the segment file does not ask for them, or
+    /// operation was not reached.
     pub quality: Option<quality::Quality>,
-    /// What late outputs did to the machines of the segment file; null where it has none.
+    /// Effects of late outputs on the machines of the segment file; null if it has none.
     pub plants: Option<plant::Plants>,
     /// Figures of each SubDevice, by position.
     pub devices: Vec<Device>,
 }
 
 impl Report {
-    /// Whether the run was as expected: all that was expected came so, or it was in sync where nothing in particular was.
+    /// Whether the run was as expected: all expectations were met, or without expectations it was
+    /// in sync.
     pub fn as_expected(&self) -> bool {
         match &self.expected[..] {
             [] => self.in_sync,
@@ -99,11 +103,11 @@ impl Report {
     }
 }
 
-/// Something worth knowing, as plans and scans tell it.
+/// Something worth knowing, in plans and scans.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Note {
-    /// Position of the SubDevice; null concerns the segment.
+    /// Position of the SubDevice; null for the segment.
     pub position: Option<usize>,
     /// Its name.
     pub device: Option<String>,
@@ -111,7 +115,7 @@ pub struct Note {
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub kind: NoteKind,
-    /// What, with the figures.
+    /// Description, with the figures.
     pub what: String,
 }
 
@@ -119,7 +123,7 @@ pub struct Note {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Finding {
-    /// Position of the SubDevice; null concerns the segment.
+    /// Position of the SubDevice; null for the segment.
     pub position: Option<usize>,
     /// Its name.
     pub device: Option<String>,
@@ -127,25 +131,25 @@ pub struct Finding {
     #[serde(serialize_with = "typed::some_text")]
     #[schemars(with = "Option<String>")]
     pub stage: Option<Stage>,
-    /// Since when, from the beginning of the judged time; null from its beginning.
+    /// Its time from the beginning of the judged time; null if it exists from that beginning.
     pub since_ns: Option<i64>,
-    /// What, with the figures: a sentence for people, which may change.
+    /// Description, with the figures: a sentence for people, which may change.
     pub what: String,
-    /// What, for programs.
+    /// Description for programs.
     #[serde(flatten, serialize_with = "typed::kind")]
     #[schemars(with = "KindDocument")]
     pub kind: Kind,
 }
 
-/// The cable that makes a ring of the segment: it leads to the secondary port of the MainDevice.
+/// The cable that closes a ring: it leads to the secondary port of the MainDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Ring {
-    /// Position of the SubDevice that it leads from.
+    /// Position of the SubDevice at its other end.
     pub position: usize,
-    /// The port there.
+    /// The port of that SubDevice.
     pub port: u8,
-    /// Its length.
+    /// Length of the cable.
     pub cable_mm: i64,
 }
 
@@ -160,15 +164,16 @@ impl Ring {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Segment {
-    /// What makes a ring of it; null if it hangs on one port.
+    /// The cable that closes a ring; null if the segment hangs on one port.
     pub ring: Option<Ring>,
-    /// In a ring, copies of frames that did not come back, as the MainDevice counts them: each frame leaves as two.
+    /// In a ring, copies of frames that did not come back, as counted by the MainDevice: each frame
+    /// leaves as two copies.
     pub copies_lost: u64,
     /// Measured by the judges.
     pub true_time: SegmentTrueTime,
     /// Counted or measured by the MainDevice.
     pub main_device: SegmentMainDevice,
-    /// Computed before the run; null if the run did not come so far.
+    /// Computed before the run; null if the run ended before that.
     pub plan: Option<SegmentPlan>,
 }
 
@@ -176,15 +181,17 @@ pub struct Segment {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SegmentTrueTime {
-    /// From power-on until all SubDevices were in OP and SYNC0 on its grid; null if it never was.
+    /// Time from power-on until all SubDevices were in OP and SYNC0 was on its grid; null if that
+    /// never happened.
     pub time_to_synchronization_ns: Option<i64>,
-    /// When cyclic frames reached the reference clock, less when they should have.
+    /// Arrival of cyclic frames at the reference clock, less their due time.
     pub host_phase_error: Option<Spread>,
-    /// From the first to the last SubDevice in DC mode whose outputs became valid, cycle by cycle; null with fewer than two.
+    /// Time from the first to the last SubDevice in DC mode whose outputs became valid, cycle by
+    /// cycle; null with fewer than two.
     pub outputs_valid_spread: Option<Span>,
 }
 
-/// The segment as the MainDevice sees it.
+/// The segment as seen by the MainDevice.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SegmentMainDevice {
@@ -206,14 +213,15 @@ pub struct SegmentMainDevice {
     pub host_phase_error: Option<Spread>,
     /// How much faster the reference clock runs than the host's, parts per billion.
     pub reference_rate_ppb: Option<i64>,
-    /// Standard error of that rate, from what the samples are off the servo's line; rounded up.
+    /// Standard error of that rate, from the deviations of the samples from the servo's line;
+    /// rounded up.
     pub reference_rate_error_ppb: Option<i64>,
-    /// Standard error of the phase at which the servo takes the reference clock to be; rounded up. What no sample
-    /// shows is not in it: the constant time from stamp to wire.
+    /// Standard error of the reference clock's phase in the servo; rounded up. It does not include
+    /// what no sample shows: the constant time from stamp to wire.
     pub reference_phase_error_ns: Option<i64>,
 }
 
-/// What the plan says of the segment.
+/// Figures of the plan for the segment.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SegmentPlan {
@@ -221,7 +229,7 @@ pub struct SegmentPlan {
     pub send_phase_ns: i64,
     /// Phase of SYNC0; null if no SubDevice uses it.
     pub sync0_phase_ns: Option<i64>,
-    /// Worst lateness of a frame that was planned with.
+    /// Largest lateness of a frame in the plan.
     pub jitter_ns: i64,
 }
 
@@ -239,9 +247,9 @@ pub struct Device {
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub mode: SyncMode,
-    /// Why not a higher mode; empty if this is the one asked for or the highest.
+    /// Why no higher mode is used; empty if this is the requested or the highest one.
     pub mode_reason: String,
-    /// Cycle in which it works: SYNC0, bus or its own timer; null if nothing states it.
+    /// Cycle of its work: SYNC0, bus or its own timer; null if no source states it.
     pub cycle_ns: Option<i64>,
     /// Measured by the judges.
     pub true_time: DeviceTrueTime,
@@ -249,7 +257,7 @@ pub struct Device {
     pub registers: DeviceRegisters,
     /// Lines of the timing budget.
     pub plan: Vec<PlanLine>,
-    /// Its process data, as the MainDevice's application sees them.
+    /// Its process data, as seen by the MainDevice's application.
     pub application: String,
     /// Values that its maker does not publish.
     pub assumptions: Vec<Assumption>,
@@ -259,31 +267,30 @@ pub struct Device {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct DeviceTrueTime {
-    /// What its oscillator is off, as far as that is constant.
+    /// The constant deviation of its oscillator.
     pub clock: Oscillator,
     /// SYNC0 edges against the ideal grid of the reference clock; null without SYNC0.
     pub sync0_error: Option<Spread>,
-    /// From the SM2 event to the next SYNC0, also where outputs act at SYNC1.
+    /// Time from the SM2 event to the next SYNC0, also if outputs act at SYNC1.
     pub sm2_to_sync0: Option<Span>,
-    /// From the end of copying and calculating to the pulse at which outputs act, SYNC0 or SYNC1:
-    /// what was left; negative where the pulse came first.
+    /// Time from the end of copying and calculating to the pulse at which outputs act, SYNC0 or
+    /// SYNC1: the remaining slack; negative if the pulse came first.
     pub sync0_margin: Option<Span>,
-    /// From the pulse at which outputs act, SYNC0 or SYNC1, to valid outputs.
+    /// Time from the pulse at which outputs act, SYNC0 or SYNC1, to valid outputs.
     pub outputs_delay: Option<Span>,
-    /// Age of outputs when they act for the first time: from the first bit of the frame that
-    /// brought them, at the MainDevice; null without outputs.
+    /// Age of outputs at their first effect, from the first bit of their frame at the MainDevice;
+    /// null without outputs.
     pub outputs_age: Option<Span>,
-    /// Frames whose outputs acted a whole cycle or more later than in their cycle.
+    /// Frames whose outputs acted a whole cycle or more too late.
     pub outputs_late: u64,
-    /// Age of inputs when they arrive: from Input Latch to the last bit, back at the MainDevice, of
-    /// the first frame that brings them; null without inputs.
+    /// Age of inputs on arrival: from Input Latch to the last bit, back at the MainDevice, of the
+    /// first frame with these inputs; null without inputs.
     pub inputs_age: Option<Span>,
-    /// Inputs that arrived a whole cycle or more later than with the first frame that could bring
-    /// them.
+    /// Inputs that arrived a whole cycle or more later than with the first possible frame.
     pub inputs_late: u64,
-    /// SYNC0 edges that found no outputs ready.
+    /// SYNC0 edges that came while no outputs were ready.
     pub missed_events: u64,
-    /// Highest value that 0x1C32:0B took.
+    /// Highest value of 0x1C32:0B.
     pub highest_missed_counter: u16,
     /// State at the end of the judged time.
     #[serde(serialize_with = "typed::text")]
@@ -291,18 +298,18 @@ pub struct DeviceTrueTime {
     pub state: AlState,
 }
 
-/// How far a simulated oscillator is off.
+/// Deviation of a simulated oscillator.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Oscillator {
-    /// How much faster than true time it runs, parts per billion.
+    /// Frequency deviation from true time, parts per billion (positive: faster).
     pub deviation_ppb: i64,
-    /// Within what it was drawn by the seed, either way, parts per billion; null if the segment
-    /// file gives it.
+    /// Largest deviation in either direction that the seed could draw, parts per billion; null if
+    /// the segment file states the value.
     pub drawn_within_ppb: Option<i64>,
 }
 
-/// One SubDevice as its registers and objects show it.
+/// One SubDevice according to its registers and objects.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct DeviceRegisters {
@@ -314,14 +321,14 @@ pub struct DeviceRegisters {
     pub al_status_code: u16,
     /// Propagation delay, 0x0928; null without clock.
     pub delay_ns: Option<i64>,
-    /// Half the width of the interval around it that holds the true delay with a confidence of 95 %, whole ns:
-    /// quantization and noise of the measurement, and what is not known of the chips' own delays; null where it
-    /// was not measured.
+    /// Half the width of the interval around it that holds the true delay with a confidence of 95
+    /// %, whole ns. It covers quantization and noise of the measurement, and unknown delays of the
+    /// chips; null if it was not measured.
     pub delay_error_ns: Option<i64>,
-    /// Why the delay can't be known from the receive times, though there is a clock; 0x0928 then holds the
-    /// middle of what is possible. Null otherwise.
+    /// Why the receive times do not determine the delay although there is a clock; 0x0928 then
+    /// holds the middle of the possible values. Null otherwise.
     pub delay_unknown: Option<String>,
-    /// Times that it measured itself on the way up; null if it was not asked to.
+    /// Times that the SubDevice measured itself on the way up; null if it was not asked to.
     pub measured_times: Option<times::MeasuredTimes>,
     /// System time difference, 0x092C, at the end of the drift phase; null without clock.
     pub system_time_difference_ns: Option<i64>,
@@ -335,7 +342,7 @@ pub struct DeviceRegisters {
     pub input_counters: Counters,
 }
 
-/// Sub-indices 0B, 0C, 0D and 20; null where the SubDevice does not have them.
+/// Sub-indices 0B, 0C, 0D and 20; null if the SubDevice does not have them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Counters {
@@ -365,7 +372,7 @@ pub struct Span {
     pub max_ns: f64,
 }
 
-/// A series of errors in ns, which ought to be zero, rounded to the picosecond.
+/// A series of errors in ns whose ideal value is zero, rounded to the picosecond.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Spread {
@@ -379,12 +386,12 @@ pub struct Spread {
     pub min_ns: f64,
     /// Largest.
     pub max_ns: f64,
-    /// Furthest from zero, without its sign.
+    /// Value farthest from zero, without its sign.
     pub worst_ns: f64,
 }
 
 impl Spread {
-    /// The same series without the judgement that it ought to be zero.
+    /// The same series as spans, whose ideal value need not be zero.
     pub fn span(&self) -> Span {
         let Spread { count, mean_ns, standard_deviation_ns, min_ns, max_ns, .. } = *self;
         Span { count, mean_ns, standard_deviation_ns, min_ns, max_ns }
@@ -401,29 +408,29 @@ pub struct PlanLine {
     pub demand: String,
     /// Time needed.
     pub needed_ns: i64,
-    /// Time there is.
+    /// Time available.
     pub available_ns: i64,
-    /// What is left.
+    /// Time left; negative if it does not fit.
     pub slack_ns: i64,
 }
 
-/// A value that a device's maker does not publish, or a doubt about its description (ESI).
+/// A value that a device's maker does not publish, or a doubt about its ESI file.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Assumption {
     /// Object or key.
     pub item: String,
-    /// Value taken.
+    /// Assumed value.
     pub value: String,
-    /// Why.
+    /// Reason.
     pub why: String,
-    /// The name of the doubt, if it is one about the description.
+    /// Name of the doubt, if it is one about the description.
     #[serde(skip)]
     #[schemars(skip)]
     pub doubt: Option<&'static str>,
 }
 
-/// A doubt about a maker's description.
+/// A doubt about an ESI file.
 impl From<&Doubt> for Assumption {
     fn from(doubt: &Doubt) -> Self {
         let item = format!("description: {}", doubt.kind);

@@ -1,7 +1,8 @@
-//! A scan: what a MainDevice finds out about a segment before any cycle, in virtual time or on an interface.
+//! A scan: the MainDevice explores a segment before any cycle, in virtual time or on an interface.
 //!
-//! The MainDevice goes as far as PREOP with converged clocks ([`Config::survey`]), everything is read, and the
-//! SubDevices go back to INIT. [`report::scan`](crate::report::scan) tells what was found.
+//! The MainDevice goes as far as PREOP with converged clocks ([`Config::survey`]), everything is
+//! read, and the SubDevices go back to INIT. [`report::scan`](crate::report::scan) reports the
+//! result.
 
 use isocat_maindevice::statistics::Statistics;
 use isocat_maindevice::{Config, Error, Event, Segment, Stage, Survey};
@@ -11,43 +12,43 @@ use isocat_wire::time::{Nanos, Picos, Time};
 
 use crate::NoTap;
 
-/// What a scan found.
+/// The result of a scan.
 #[derive(Clone, Debug)]
 pub struct Scan {
-    /// What was found; what could not be read stands in its problems.
+    /// The segment; its problems list what could not be read.
     pub segment: Segment,
     /// Whether objects were read by SDO.
     pub objects: bool,
-    /// Counts until everything was known.
+    /// Counts until the scan was complete.
     pub statistics: Statistics,
-    /// Why it ended before everything was asked; `None` if it came to its end.
+    /// Why it ended before everything was read; `None` if it was complete.
     pub failure: Option<Failure>,
-    /// What stood in the way back to INIT.
+    /// Why the way back to INIT failed.
     pub way_down: Option<String>,
 }
 
-/// What ends a scan before its end.
+/// The reason for an early end of a scan.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Failure {
     /// The MainDevice gave up.
     Gave(Error),
     /// It took longer than all its deadlines together.
     TooLong(Stage),
-    /// The interface failed, or somebody ended it.
+    /// The interface failed, or the user ended the scan.
     Ended(String),
 }
 
 impl Scan {
-    /// Scans the virtual segment of a scenario. `objects`: read them by SDO.
+    /// Scans the virtual segment of a scenario. `objects` says whether to read them by SDO.
     pub fn of(scenario: &Scenario, objects: bool, progress: &mut dyn FnMut(Stage)) -> Self {
         let mut setup = scenario.run().setup;
-        // A scan has one port: it sees the line that the ring is without its last cable.
+        // A scan has one port, so it sees the ring without its last cable, as a line.
         setup.ring = None;
         setup.config = Config { hop_jitter: scenario.hop_jitter, ..config(objects) };
         Self::of_setup(setup, progress)
     }
 
-    /// The same of any virtual segment whose MainDevice was asked for a survey.
+    /// Scans any virtual segment whose MainDevice was asked for a survey.
     pub fn of_setup(setup: isocat_sim::Setup, progress: &mut dyn FnMut(Stage)) -> Self {
         let objects = setup.config.survey.is_none_or(|wish| wish.objects);
         let mut world = World::new(setup, (), None::<NoTap>);
@@ -88,13 +89,13 @@ impl Scan {
     }
 }
 
-/// What the MainDevice is asked for. The cycle is never used.
+/// The configuration of the MainDevice. The cycle is never used.
 pub fn config(objects: bool) -> Config {
     Config { survey: Some(Survey { objects }), ..Config::new(Nanos::millis(1)) }
 }
 
-/// Time after which a scan is given up; every step of it has a deadline of its own, far below.
+/// Time limit of a scan; every step of it has a much shorter deadline.
 const LIMIT: Picos = Picos(600_000_000_000_000);
-/// For the way back to INIT: three steps of 5 s, and room.
+/// Time limit of the way back to INIT: three steps of 5 s, and a reserve.
 pub(crate) const WAY_DOWN: Nanos = Nanos::millis(20_000);
 pub(crate) const NO_END: &str = "the way back to INIT did not end";

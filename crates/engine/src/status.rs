@@ -1,12 +1,14 @@
-//! What is known of a segment that runs, now.
+//! The present state of a running segment.
 //!
-//! One document for all who look: the live view, the lines that it prints without a terminal, the metrics, and
-//! the answer of `isocat serve` to the request `watch`. [`main_device`] fills it from a MainDevice, [`edges`] puts true
-//! time over it where there is one, `served` makes it of a served segment; [`board`] hands it from the loop that keeps a
-//! cycle to whoever looks, without the loop waiting for anybody.
+//! One document serves all readers: the live view, the lines that it prints without a terminal, the
+//! metrics, and the answer of `isocat serve` to the request `watch`. [`main_device`] fills it from
+//! a MainDevice, [`edges`] adds true time if it is known, and `served` makes it for a served
+//! segment. [`board`] hands it from the loop that keeps a cycle to the readers, without a wait in
+//! the loop.
 //!
-//! Each figure says where it is from: `[t]` measured in true time by the judges of the simulation, `[r]` read from a register
-//! or an object, `[m]` the MainDevice's clock and counts. [`Kind::source`] tells which of them errors and margins are.
+//! Each figure states its source: `[t]` measured in true time by the judges of the simulation,
+//! `[r]` read from a register or an object, `[m]` from the MainDevice's clock and counts.
+//! [`Kind::source`] gives that of errors and margins.
 
 use std::borrow::Cow;
 
@@ -31,10 +33,10 @@ pub use names::{SERVO, servo_name};
 pub use stage::Stage;
 pub use verdict::{Verdict, place};
 
-/// Words, mostly fixed ones: setting them takes no memory.
+/// Texts, mostly fixed ones, which can be set without allocation.
 pub type Words = Cow<'static, str>;
 
-/// What is known of a segment now.
+/// The present state of a segment.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Status {
@@ -42,49 +44,49 @@ pub struct Status {
     pub format: u32,
     /// Version of isocat that wrote it.
     pub version: Words,
-    /// The segment: a segment file, or what else it is.
+    /// The segment: the name of a segment file, or another description.
     pub segment: String,
-    /// What kind of segment it is, which decides what can be known.
+    /// Kind of segment, which decides what can be known.
     pub kind: Kind,
-    /// Where it is on its way up, "in operation", or "ended".
+    /// Stage of its way up, "in operation", or "ended".
     #[serde(with = "names::stage")]
     #[schemars(with = "String")]
     pub stage: Stage,
     /// Why it ended or does not come up.
     pub failure: Option<String>,
-    /// Now, from the beginning: of virtual time in a simulation, else of host time.
+    /// Present time since the beginning: virtual time in a simulation, otherwise host time.
     pub at_ns: i64,
-    /// From here to now reach the figures called `recent`.
+    /// Begin of the time span of the figures called `recent`; its end is the present.
     pub since_ns: i64,
     /// Time in operation; null before.
     pub operation_ns: Option<i64>,
     /// Bus cycle; 0 before it is known.
     pub cycle_ns: i64,
-    /// SYNC errors beyond this are told as such in the verdict.
+    /// SYNC errors beyond this limit are named in the verdict.
     pub limit_ns: i64,
     /// The MainDevice.
     pub host: Host,
     /// Each SubDevice, by position.
     pub devices: Vec<Device>,
-    /// What happened since the last status that was taken, oldest first; some hundred at most.
+    /// Events since the last status that was taken, oldest first; at most some hundred.
     pub events: Vec<Event>,
 }
 
-/// What kind of segment it is.
+/// The kind of a segment.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(inline)]
 pub enum Kind {
     /// A simulation with its MainDevice: true time is known.
     Simulated,
-    /// A real wire: what is read from it.
+    /// A real wire: only what is read from it is known.
     Wire,
-    /// A virtual segment for somebody else's MainDevice, of which nothing but its frames is known.
+    /// A virtual segment for an external MainDevice, of which only its frames are known.
     Served,
 }
 
 impl Kind {
-    /// Where SYNC errors and margins are from: `t` or `r`, and of margins on a wire `m`.
+    /// Source of SYNC errors: `t` or `r`.
     pub const fn source(self) -> char {
         match self {
             Kind::Simulated | Kind::Served => 't',
@@ -92,7 +94,7 @@ impl Kind {
         }
     }
 
-    /// The same of margins.
+    /// Source of margins: `t`, or `m` on a wire.
     pub const fn margin_source(self) -> char {
         match self {
             Kind::Simulated | Kind::Served => 't',
@@ -100,7 +102,7 @@ impl Kind {
         }
     }
 
-    /// The word for it.
+    /// The name of the kind.
     pub const fn name(self) -> &'static str {
         match self {
             Kind::Simulated => "simulated",
@@ -114,12 +116,14 @@ impl Kind {
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Host {
-    /// How late frames of the cycle find the reference clock against their phase, negative is early: `[t]` the last frame in a
-    /// simulation, `[r]` the latest of about a hundred cycles on a wire; null before operation or without clocks.
+    /// Lateness of the cycle's frames at the reference clock against their phase, negative if
+    /// early: `[t]` of the last frame in a simulation, `[r]` of the latest one in about a hundred
+    /// cycles on a wire; null before operation or without clocks.
     pub phase_error_ns: Option<f64>,
-    /// The largest size of it in operation, `[t]` or `[m]`.
+    /// Its largest size in operation, `[t]` or `[m]`.
     pub phase_error_worst_ns: Option<f64>,
-    /// Servo on the reference clock `[m]`: "free", "acquiring", "locked", "holdover"; empty without clocks.
+    /// State of the servo on the reference clock `[m]`: "free", "acquiring", "locked", "holdover";
+    /// empty without clocks.
     #[serde(with = "names::servo")]
     #[schemars(with = "String")]
     pub servo: Option<phase::State>,
@@ -127,17 +131,18 @@ pub struct Host {
     pub rate_ppm: Option<f64>,
     /// Cycles begun `[m]`.
     pub cycles: u64,
-    /// Frames sent `[m]`; of a served segment: that came in.
+    /// Frames sent `[m]`; for a served segment, frames received.
     pub frames_sent: u64,
     /// Frames that did not come back in time `[m]`.
     pub frames_lost: u64,
     /// Cyclic datagrams with a wrong working counter `[m]`.
     pub working_counter_errors: u64,
-    /// Send instants that were let pass `[m]`.
+    /// Send instants that were skipped `[m]`.
     pub cycles_skipped: u64,
     /// How often the servo lost its lock in operation `[m]`.
     pub locks_lost: u64,
-    /// Cycles since all clocks last took the reference's time, if more than is put up with `[m]`; 0x092C tells nothing then.
+    /// Cycles since all clocks last received the reference's time, if they exceed the limit `[m]`;
+    /// 0x092C is meaningless then.
     pub unled_cycles: Option<u64>,
 }
 
@@ -151,11 +156,11 @@ pub struct Device {
     pub name: String,
     /// Its mode, as segment files name it; empty before it is known.
     pub mode: Words,
-    /// It works by SYNC pulses.
+    /// Whether it works by SYNC pulses.
     pub has_sync: bool,
-    /// Its clock leads.
+    /// Whether it has the reference clock.
     pub is_reference: bool,
-    /// It is asked to be in OP: false for one that may be absent and is.
+    /// Whether it is asked to be in OP: false for one that may be absent and is absent.
     pub asked: bool,
     /// AL state `[r]` (0x0130): INIT, PREOP, BOOT, SAFEOP, OP; "unknown" for any other value.
     #[serde(with = "names::al_state")]
@@ -165,21 +170,23 @@ pub struct Device {
     pub al_error: bool,
     /// AL status code `[r]` (0x0134).
     pub al_code: u16,
-    /// SYNC error: `[t]` SYNC0 edges against the grid that was asked for, else `[r]` 0x092C; null without SYNC, before the
-    /// first, and of the reference clock on a wire.
+    /// SYNC error: `[t]` SYNC0 edges against the requested grid, or `[r]` 0x092C; null without
+    /// SYNC, before the first value, and for the reference clock on a wire.
     pub error: Option<Error>,
-    /// What is left before SYNC0 when outputs are ready, `[t]` by the judges, else `[m]` by the times that the SubDevice states.
+    /// Time left before SYNC0 when outputs are ready, `[t]` by the judges, or `[m]` by the times
+    /// that the SubDevice states.
     pub margin: Option<Margin>,
-    /// How much faster its own oscillator runs than the reference's, ppm `[r]`: what the drift loop takes off (0x0930,
-    /// 0x0932) with its sign turned. Null at the reference and before the first reading.
+    /// How much faster its own oscillator runs than the reference's, ppm `[r]`: the correction of
+    /// the drift loop (0x0930, 0x0932) with inverted sign. Null at the reference and before the
+    /// first reading.
     pub clock_ppm: Option<f64>,
     /// Entries 0B, 0C, 0D, 20 of 0x1C32 `[r]`.
     pub outputs: [Counter; 4],
     /// The same of 0x1C33.
     pub inputs: [Counter; 4],
-    /// Alarms that are up.
+    /// Active alarms.
     pub alarms: Vec<Words>,
-    /// When what happens in its cycle, as planned; empty where no plan is known.
+    /// Planned times of the events in its cycle; empty without a plan.
     pub moments: Vec<Moment>,
 }
 
@@ -189,11 +196,11 @@ pub struct Device {
 pub struct Error {
     /// The last one, ns.
     pub now_ns: f64,
-    /// The largest size since the last status, ns; null if nothing was measured meanwhile.
+    /// The largest size since the last status, ns; null if nothing was measured since.
     pub recent_ns: Option<f64>,
     /// The largest size in operation, ns.
     pub worst_ns: f64,
-    /// Edges or readings in operation.
+    /// Number of edges or readings in operation.
     pub count: u64,
 }
 
@@ -201,7 +208,7 @@ pub struct Error {
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Margin {
-    /// The least of late, ns.
+    /// The least recent value, ns.
     pub now_ns: f64,
     /// The least in operation, ns.
     pub least_ns: f64,
@@ -211,9 +218,9 @@ pub struct Margin {
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Counter {
-    /// As last read; null where it is not read.
+    /// Last value; null if it is not read.
     pub value: Option<u32>,
-    /// How much it has risen in operation, as far as was seen.
+    /// Sum of its increases in operation, as far as they were seen.
     pub risen: u64,
 }
 
@@ -221,31 +228,31 @@ pub struct Counter {
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Moment {
-    /// Which.
+    /// The event.
     #[serde(with = "names::moment")]
     #[schemars(with = "String")]
     pub event: isocat_sync::Moment,
-    /// Not before, as planned, ns.
+    /// Earliest time in the plan, ns.
     pub earliest_ns: i64,
-    /// Not after, as planned, ns.
+    /// Latest time in the plan, ns.
     pub latest_ns: i64,
-    /// Earliest and latest of late, `[t]`, ns; null where nobody sees it.
+    /// Earliest and latest recent time, `[t]`, ns; null if it is not observed.
     pub seen_ns: Option<(f64, f64)>,
 }
 
-/// Something that happened.
+/// An event of the segment or of a SubDevice.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Event {
-    /// When, as `at_ns`.
+    /// Time, like `at_ns`.
     pub at_ns: i64,
-    /// The SubDevice; null concerns the segment.
+    /// The SubDevice; null for the segment.
     pub position: Option<usize>,
     /// Whether it is bad news.
     pub bad: bool,
-    /// An alarm that came or went.
+    /// Whether it is an alarm that was raised or cleared.
     pub alarm: bool,
-    /// What.
+    /// Description.
     pub what: String,
 }
 
@@ -255,7 +262,7 @@ pub const FORMAT: u32 = 1;
 pub const SUBS: [&str; 4] = ["0B", "0C", "0D", "20"];
 
 impl Status {
-    /// Before anything is known.
+    /// A status before anything is known.
     pub fn new(segment: String, kind: Kind, cycle_ns: i64, limit_ns: i64) -> Self {
         Self {
             format: FORMAT,
@@ -280,14 +287,14 @@ impl Status {
         self.stage == Stage::InOperation
     }
 
-    /// Whether nothing more comes.
+    /// Whether it has ended, so that nothing more follows.
     pub fn has_ended(&self) -> bool {
         self.stage == Stage::Ended
     }
 }
 
 impl Device {
-    /// Of which nothing but its place is known.
+    /// A device of which only its place is known.
     pub fn new(position: usize, name: String) -> Self {
         Self {
             position,
@@ -309,7 +316,7 @@ impl Device {
         }
     }
 
-    /// `OP`, `SAFEOP+ERR`.
+    /// The state as text, such as `OP` or `SAFEOP+ERR`.
     pub fn state(&self) -> String {
         format!("{}{}", self.state_name(), if self.al_error { "+ERR" } else { "" })
     }
@@ -319,7 +326,7 @@ impl Device {
         self.al_state.map_or(UNKNOWN, AlState::name)
     }
 
-    /// How much its counters have risen in operation.
+    /// Sum of its counters' increases in operation.
     pub fn risen(&self) -> u64 {
         self.outputs.iter().chain(&self.inputs).map(|counter| counter.risen).sum()
     }
@@ -330,7 +337,7 @@ pub fn schema() -> serde_json::Value {
     crate::report::schema_of::<Status>()
 }
 
-/// The name of a state that is none.
+/// The name of an unknown state.
 const UNKNOWN: &str = "unknown";
-/// Kinds of alarms that a SubDevice can have.
+/// Number of the kinds of alarms that a SubDevice can have.
 const MOST_ALARMS: usize = 8;

@@ -1,9 +1,10 @@
 //! Many runs of one segment: parameters over a grid, seeds, and faults that are drawn.
 //!
-//! A [`Sweep`] is a segment file and what is to be varied in it. [`case`](Sweep::case) is one of its runs as a segment file of
-//! its own, which `isocat run` repeats; [`run`](Sweep::run) runs it and gives a [`Row`], [`run_all`](Sweep::run_all) does so for
-//! all, on several threads and in order. [`summary`] is what many rows come to, in bounded memory; [`bisect`](Sweep::bisect) looks for
-//! the edge of a value; [`shrink`](mod@shrink) makes a run that fails small.
+//! A [`Sweep`] is a segment file and the parameters to vary. [`case`](Sweep::case) is one of its
+//! runs as a separate segment file, which `isocat run` repeats. [`run`](Sweep::run) runs it and
+//! returns a [`Row`], and [`run_all`](Sweep::run_all) does so for all, on several threads and in
+//! order. [`summary`] summarizes many rows in bounded memory; [`bisect`](Sweep::bisect) looks for
+//! the limit of a value; [`shrink`](mod@shrink) reduces a run that fails.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -28,7 +29,7 @@ pub use row::{Outcome, Row, Totals};
 
 use crate::unwatched;
 
-/// A segment file and what is varied in it.
+/// A segment file and the parameters to vary.
 #[derive(Clone)]
 pub struct Sweep {
     path: String,
@@ -39,7 +40,7 @@ pub struct Sweep {
     swarm: bool,
 }
 
-/// Sets a key of a segment file as one value of an axis would, for those who change files by hand.
+/// Sets a key of a segment file as one value of an axis would.
 pub fn set(table: &mut Table, key: &str, value: &str) -> Result<(), String> {
     Axis::over(key, vec![value.to_owned()])?.apply(table, 0, 0).map(drop)
 }
@@ -49,34 +50,34 @@ pub fn set(table: &mut Table, key: &str, value: &str) -> Result<(), String> {
 pub struct Case {
     /// Its seed.
     pub seed: u64,
-    /// The value of each axis, in their order.
+    /// The value of each axis, in the order of the axes.
     pub values: Vec<String>,
     /// The segment file.
     pub text: String,
 }
 
 impl Sweep {
-    /// A sweep over a segment file; `path` names it in errors, and files that it names are relative to its folder. One
-    /// run with seed 1 until more is asked for.
+    /// A sweep over a segment file. `path` names it in errors, and paths in the file are relative
+    /// to its folder. Without further settings it has one run with seed 1.
     pub fn new(path: &str, text: &str) -> Result<Self, FileError> {
         SegmentFile::parse(path, text)?;
-        // What the segment file's own reader took is TOML.
+        // A file that the segment file's own reader accepted is TOML.
         let base = text.parse::<Table>().unwrap_or_default();
         let path = path.to_owned();
         Ok(Self { path, base, axes: Vec::new(), first_seed: 1, seeds: 1, swarm: false })
     }
 
-    /// Varies a key: `host.jitter=5us,50us`, `subdevice[*].cable=1m..100m`. Values in a list make a grid with those of
-    /// the other axes; a range is drawn in each run.
+    /// Varies a key: `host.jitter=5us,50us`, `subdevice[*].cable=1m..100m`. Values in a list form a
+    /// grid with those of the other axes; a value of a range is drawn in each run.
     pub fn vary(&mut self, text: &str) -> Result<(), String> {
         let axis = Axis::parse(text)?;
-        // An axis that goes nowhere would give a grid of equal runs.
+        // An axis without a matching key would give a grid of equal runs.
         axis.apply(&mut self.base.clone(), 0, 0)?;
         self.axes.push(axis);
         Ok(())
     }
 
-    /// Varies a key over values that are given one by one, so that they may hold commas. One value sets the key.
+    /// Varies a key over separate values, which may contain commas. One value sets the key.
     pub fn vary_over(&mut self, key: &str, values: Vec<String>) -> Result<(), String> {
         let axis = Axis::over(key, values)?;
         axis.apply(&mut self.base.clone(), 0, 0)?;
@@ -84,13 +85,13 @@ impl Sweep {
         Ok(())
     }
 
-    /// Tries whether the segment file's reader takes each value, one axis at a time; of a range, what the first seed draws.
-    /// Gives the first one that it does not take.
+    /// Checks whether the segment file's reader accepts each value, one axis at a time; for a
+    /// range, the value that the first seed draws. Returns the first value that is refused.
     pub fn check(&self) -> Result<(), (String, FileError)> {
         for axis in &self.axes {
             for choice in 0..axis.values() {
                 let mut table = self.base.clone();
-                // It went somewhere when it was added.
+                // The axis had a matching key when it was added.
                 let value = axis.apply(&mut table, choice, self.first_seed).unwrap_or_default();
                 SegmentFile::parse(&self.path, &table.to_string())
                     .map_err(|error| (format!("{} = {value}", axis.key), error))?;
@@ -99,22 +100,22 @@ impl Sweep {
         Ok(())
     }
 
-    /// So many seeds, from the first on.
+    /// Sets the number of seeds, and the first one.
     pub fn seeds(&mut self, first: u64, count: u64) {
         (self.first_seed, self.seeds) = (first, count.max(1));
     }
 
-    /// Each run draws faults of its own, beside those of the file.
+    /// Makes each run draw faults of its own, in addition to those of the file.
     pub fn swarm(&mut self) {
         self.swarm = true;
     }
 
-    /// What is varied.
+    /// The parameters to vary.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
-    /// How many runs there are.
+    /// Number of runs.
     pub fn runs(&self) -> u64 {
         self.points().saturating_mul(self.seeds)
     }
@@ -123,7 +124,7 @@ impl Sweep {
         self.axes.iter().map(Axis::values).fold(1, u64::saturating_mul)
     }
 
-    /// The run with this number, from 0: seeds go faster than points of the grid.
+    /// The run with this number, from 0: seeds vary faster than points of the grid.
     pub fn case(&self, number: u64) -> Result<Case, String> {
         let seed = self.first_seed + number % self.seeds;
         let mut point = number / self.seeds;
@@ -152,7 +153,7 @@ impl Sweep {
         }
     }
 
-    /// What becomes of a segment file.
+    /// The outcome of a segment file.
     pub fn outcome(&self, text: &str) -> Outcome {
         let run = || match SegmentFile::parse(&self.path, text) {
             Err(error) => Outcome::refused(error.to_string()),
@@ -168,8 +169,8 @@ impl Sweep {
         catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Outcome::panicked())
     }
 
-    /// Runs all cases from the number `from` on, on so many threads, until `stop` is set. `each` is told of every row, in the
-    /// order of their numbers; where it is not content, that is the end.
+    /// Runs all cases from the number `from` on, on several threads, until `stop` is set. `each`
+    /// gets every row, in the order of their numbers; an error from it ends the runs.
     pub fn run_all<E: Send>(
         &self,
         from: u64,
@@ -180,7 +181,7 @@ impl Sweep {
         self.run_range(from..self.runs(), threads, stop, each)
     }
 
-    /// The same of the cases with these numbers, as far as there are any.
+    /// Runs the cases with these numbers, as far as they exist.
     pub fn run_range<E: Send>(
         &self,
         numbers: Range<u64>,
@@ -206,7 +207,8 @@ impl Sweep {
                 });
             }
             drop(sender);
-            // Rows that came before those in front of them: about as many as there are threads.
+            // Rows that finished before those with lower numbers: about as many as there are
+            // threads.
             let mut early = BTreeMap::new();
             let mut wanted = from;
             for row in &receiver {
@@ -215,7 +217,7 @@ impl Sweep {
                     wanted += 1;
                     if let Err(error) = each(row) {
                         stop.store(true, Ordering::Relaxed);
-                        // Senders that wait see that nobody receives.
+                        // Waiting senders then see that the receiver is gone.
                         drop(receiver);
                         return Err(error);
                     }

@@ -1,5 +1,5 @@
-//! What happens in a cycle of each SubDevice, in true time: events, steps, and the instants that the sync objects
-//! speak of.
+//! The events in a cycle of each SubDevice, in true time: events, steps, and the instants that the
+//! sync objects define.
 
 use std::fmt;
 
@@ -12,15 +12,15 @@ use isocat_wire::time::{Nanos, Picos, Time, True};
 
 use crate::{Report, moment};
 
-/// Cycles of one SubDevice in operation, as they happened.
+/// Cycles of one SubDevice in operation.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Timeline {
-    /// What happened, and when: true time from the beginning of the first cycle.
+    /// Events in true time from the beginning of the first cycle.
     pub entries: Vec<(Picos, Moment)>,
 }
 
-/// Runs a scenario and records `cycles` cycles of one SubDevice, beginning `after` it went to OP with the next
-/// frame.
+/// Runs a scenario and records `cycles` cycles of one SubDevice, from the next frame at least
+/// `after` its change to OP.
 pub fn record(scenario: &Scenario, device: usize, after: Nanos, cycles: u32) -> (Timeline, Report) {
     let recorder = Recorder { device, after, cycles, ..Recorder::default() };
     let mut recorded = None;
@@ -42,7 +42,7 @@ struct Recorder {
     cycles: u32,
     in_op: Option<Time<True>>,
     began: Option<Time<True>>,
-    /// When the first cycle begins that is not recorded.
+    /// Begin of the first cycle that is not recorded.
     end: Option<Time<True>>,
     frames: u32,
     timeline: Timeline,
@@ -83,7 +83,7 @@ impl Recorder {
         let over = self.end.is_some_and(|end| at >= end);
         if let Some(began) = self.began.filter(|began| at >= *began && !over) {
             self.timeline.entries.push((at - began, moment));
-            // Frames are told when they are sent, SubDevices when they are looked at.
+            // Frames are noted when they are sent, but SubDevices only when they are polled.
             self.timeline.entries.sort_by_key(|(at, _)| *at);
         }
     }
@@ -96,7 +96,7 @@ fn has_process_data(bytes: &[u8]) -> bool {
         .any(|datagram| datagram.header.command().is_ok_and(|command| command.is_logical()))
 }
 
-/// A line each: microseconds from the beginning, to a thousandth.
+/// One line for each event: microseconds from the beginning, with three decimals.
 impl fmt::Display for Timeline {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (at, moment) in &self.entries {

@@ -1,17 +1,21 @@
-//! Whether a segment is in sync, by what its wire shows over the whole time in operation.
+//! Judges whether a segment is in sync, from what its wire shows over the whole time in operation.
 //!
-//! An [`Engine`] is fed while a MainDevice operates. It knows neither true time nor a socket, so that a run on a real interface
-//! and one in virtual time can ask the same engine. In this order:
+//! An [`Engine`] gets its input while a MainDevice operates. It knows neither true time nor a
+//! socket, so that a run on a real interface and one in virtual time can use the same engine. In
+//! this order:
 //!
 //! - [`Engine::begin`], when all SubDevices are in OP;
-//! - [`Engine::event`] with each event, and [`Engine::cycle`] behind each input of the MainDevice. Neither takes memory
-//!   unless something happened that is a finding;
-//! - [`Engine::end`], with what the SubDevices said before and after ([`Questions`], [`Readings`]). It gives a [`Verdict`].
+//! - [`Engine::event`] with each event, and [`Engine::cycle`] after each input of the MainDevice.
+//!   Neither allocates unless something happened that is a finding;
+//! - [`Engine::end`], with the readings of the SubDevices before and after ([`Questions`],
+//!   [`Readings`]). It returns a [`Verdict`].
 //!
-//! A loss that registers no longer show at the end was seen while it happened: `frames` holds the time at which each
-//! cycle's frame found the reference clock against what the plan leaves each SubDevice, `clocks` follows 0x092C, `counters`
-//! those of 0x1C32 and 0x1C33, `told` keeps what the MainDevice tells of states, frames and changes. What could have been
-//! read and was not is a [`Gap`]: with one that [decides](Gap::decides) the answer is "not known", never "in sync".
+//! A loss that registers no longer show at the end was noticed while it happened. `frames` compares
+//! the time at which each cycle's frame met the reference clock with the slack of each SubDevice in
+//! the plan, `clocks` follows 0x092C, `counters` those of 0x1C32 and 0x1C33, and `told` keeps the
+//! MainDevice's reports of states, frames and changes. Something that could have been read and was
+//! not is a [`Gap`]: with one that [decides](Gap::decides) the answer is "not known", never "in
+//! sync".
 
 mod clocks;
 mod counters;
@@ -37,14 +41,14 @@ pub use questions::Questions;
 use told::Told;
 pub use witness::Witness;
 
-/// What a verdict comes to.
+/// The answer of a verdict.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Answer {
-    /// Nothing speaks against it, and all that could be read was read.
+    /// There are no findings, and all that could be read was read.
     InSync,
     /// There are findings: in sync except for these.
     Except,
-    /// There are no findings, but something that decides was not read.
+    /// There are no findings, but something decisive was not read.
     NotKnown,
 }
 
@@ -58,7 +62,7 @@ impl Answer {
         }
     }
 
-    /// The answer that findings and gaps come to.
+    /// The answer that follows from findings and gaps.
     pub fn of(findings: &[Finding], unknown: &[Unknown]) -> Self {
         match (findings, unknown.iter().any(|unknown| unknown.kind.decides())) {
             ([], false) => Self::InSync,
@@ -68,21 +72,21 @@ impl Answer {
     }
 }
 
-/// `in-sync`
+/// The name, such as `in-sync`.
 impl std::fmt::Display for Answer {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.pad(self.name())
     }
 }
 
-/// What an engine came to.
+/// The result of an engine.
 #[derive(Clone, Debug, Default)]
 pub struct Verdict {
-    /// What speaks against the segment, in the order of time; what has no time of its own comes last.
+    /// Findings against the segment, in the order of time; findings without a time come last.
     pub findings: Vec<Finding>,
     /// What is not known.
     pub unknown: Vec<Unknown>,
-    /// How SubDevices that may be absent came and went: no findings.
+    /// Departures and returns of SubDevices that may be absent; they are no findings.
     pub visits: Vec<Finding>,
 }
 
@@ -93,7 +97,8 @@ impl Verdict {
     }
 }
 
-/// Asks for what a verdict needs to read while the segment runs, where nothing is said of it: clocks, counters and delays.
+/// Adds the background reads that a verdict needs (clocks, counters and delays), unless the
+/// configuration sets them.
 pub fn with_reads(mut config: Config) -> Config {
     config.quality.get_or_insert_default();
     config.delay_watch.get_or_insert_default();
@@ -104,7 +109,7 @@ pub fn with_reads(mut config: Config) -> Config {
 pub struct Engine {
     /// Largest distance of a clock from the reference with which it counts as synchronized.
     limit: Nanos,
-    /// Counts when the time in operation began.
+    /// Counts at the beginning of the time in operation.
     first: Statistics,
     last: Statistics,
     frames: Frames,
@@ -114,8 +119,9 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// Begins to judge: all SubDevices are in OP. `limit` is the largest 0x092C with which a clock counts as synchronized;
-    /// `optional` says by position whether a SubDevice may be absent, `false` where nothing is said.
+    /// Begins to judge when all SubDevices are in OP. `limit` is the largest 0x092C with which a
+    /// clock counts as synchronized; `optional` says by position whether a SubDevice may be absent,
+    /// with `false` for missing entries.
     pub fn begin(main: &impl Witness, limit: Nanos, optional: Vec<bool>) -> Self {
         let first = main.statistics();
         Self {
@@ -129,13 +135,13 @@ impl Engine {
         }
     }
 
-    /// Takes an event that was told so long after the beginning.
+    /// Takes an event at this time from the beginning.
     pub fn event(&mut self, at: Nanos, event: &Event) {
         self.told.event(at, event, self.limit);
     }
 
-    /// Looks at what came in, so long after the beginning. It is to be called behind each input, so that no frame's time
-    /// is missed; that costs little and takes no memory.
+    /// Takes the received data at this time from the beginning. It must be called after each input,
+    /// so that no frame's time is missed; it is cheap and does not allocate.
     #[inline]
     pub fn cycle(&mut self, at: Nanos, main: &impl Witness) {
         let counts = main.statistics();
@@ -143,7 +149,8 @@ impl Engine {
         let (seen, known) = (counts.phase_error, before.phase_error);
         if seen.count != known.count {
             self.frames.take(at, seen.last);
-            // Of several at once the worst are known too, if they are worse than all before.
+            // If there are several at once, the worst ones are known too, if they are worse than
+            // all before.
             if seen.count > known.count + 1 {
                 let worst = [(seen.min, known.min), (seen.max, known.max)];
                 for (seen, _) in worst.into_iter().filter(|(seen, known)| seen != known) {
@@ -152,29 +159,30 @@ impl Engine {
             }
         }
         if counts.cycles != before.cycles {
-            // One of each in a cycle: all of them are too many for a long line.
+            // One clock and one SubDevice per cycle: all of them would take too long on a long
+            // line.
             self.clocks.look(at, main, counts.cycles);
             self.counters.look(main, counts.cycles);
         }
     }
 
-    /// The longest stall of the host: by how much it was too late for a cycle, and when.
+    /// The longest stall of the host: its lateness for a cycle, and the time.
     pub fn stall(&self) -> Option<(Nanos, Nanos)> {
         self.told.stall
     }
 
-    /// How often the host lost its lock on the reference clock.
+    /// Number of times that the host lost its lock on the reference clock.
     pub fn locks_lost(&self) -> u64 {
         self.told.locks_lost
     }
 
-    /// Cycles that the host let pass.
+    /// Number of cycles that the host skipped.
     pub fn cycles_skipped(&self) -> u64 {
         self.told.skipped
     }
 
-    /// The time is over. `readings` is what the SubDevices said, by position, empty if they were not asked; `axes` is how
-    /// the application sees them.
+    /// Ends the judging. `readings` are those of the SubDevices by position, empty if they were not
+    /// asked; `axes` is the application's view of them.
     pub fn end(
         mut self,
         at: Nanos,
@@ -219,12 +227,12 @@ impl Verdict {
         self.unknown.push(Unknown { place, kind });
     }
 
-    /// What came first is nearest to the cause.
+    /// The earliest finding is nearest to the cause.
     pub(crate) fn sort(&mut self) {
         self.findings.sort_by_key(|finding| finding.since.unwrap_or(Nanos(i64::MAX)));
         self.unknown.sort_by_key(|unknown| (!unknown.kind.decides(), unknown.place.device));
     }
 }
 
-/// Cycles in which a drive must have switched on.
+/// Cycles within which a drive must have switched on.
 const SWITCH_ON_CYCLES: u64 = 100;

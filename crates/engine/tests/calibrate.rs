@@ -1,5 +1,4 @@
-//! Calibrations of virtual segments: what was set is found, within the error that is told beside
-//! it.
+//! Calibrations of virtual segments: the result is what was set, within the stated error.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -23,7 +22,7 @@ const HOLD_11: DriftLaw = DriftLaw::Hold { phase: 11 };
 const BLOCK_9: DriftLaw = DriftLaw::Block { phase: 9 };
 const BLOCK_10: DriftLaw = DriftLaw::Block { phase: 10 };
 
-/// A file of its own for each profile, as segment files name them.
+/// A separate file for each profile, as segment files name them.
 fn profile_file(law: DriftLaw, polarity: DifferencePolarity) -> PathBuf {
     static COUNT: AtomicU64 = AtomicU64::new(0);
     let number = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -66,13 +65,13 @@ fn segment(followers: &[Follower]) -> Scenario {
 struct Rough {
     wire: VirtualWire,
     chance: Stream,
-    /// Each way, one frame in this many is lost; 0: none.
+    /// In each direction one frame in this many is lost; 0 means none.
     lost_one_of: u64,
     late: u64,
-    /// Stops the calibration behind so many frames.
+    /// Stops the calibration after this number of frames.
     stop: Option<(u64, &'static AtomicBool)>,
     sent: u64,
-    /// The cable is pulled behind so many frames.
+    /// The cable is pulled after this number of frames.
     pulled: u64,
 }
 
@@ -146,7 +145,7 @@ fn check(clock: &Clock, (law, polarity, ppm): Follower, reference_ppm: f64) {
         panic!("{law} at {ppm} ppm: {:?}", clock.law);
     };
     assert_eq!(fit.law, law, "at {ppm} ppm: {:?}", clock.law);
-    // Too good is wrong, too.
+    // A fit that is too good is wrong, too.
     assert!((0.1..2.0).contains(&fit.misfit), "{law} at {ppm} ppm: {:?}", clock.law);
     if let DriftLaw::Hold { phase } | DriftLaw::Block { phase } = law {
         let (found, error) = fit.parameter.expect("a phase");
@@ -224,7 +223,7 @@ fn write(wire: &mut dyn Wire, position: u16, address: u16, data: &[u8]) {
     assert_eq!(wire.exchange(&mut [bytes]), Ok(vec![true]));
 }
 
-/// Mailboxes on, PREOP.
+/// Switches the mailboxes on and goes to PREOP.
 fn to_preop(wire: &mut dyn Wire, position: u16) {
     write(wire, position, 0x0800, &[0x00, 0x10, 0x00, 0x01, 0x26, 0x00, 0x01, 0x00]);
     write(wire, position, 0x0808, &[0x00, 0x11, 0x00, 0x01, 0x22, 0x00, 0x01, 0x00]);
@@ -233,7 +232,7 @@ fn to_preop(wire: &mut dyn Wire, position: u16) {
     assert!(registers(wire, position + 1).contains(&format!("{position} 0130 1 [02, 00]")));
 }
 
-/// On a wire that loses frames both ways, and from a host that is late by 30 us on the average.
+/// On a wire that loses frames in both directions, with a host that is late by 30 us on average.
 #[test]
 fn lost_and_late_frames_leave_the_result() {
     let mut wire = Rough::new(segment(&ALL[..3]));
@@ -248,8 +247,8 @@ fn lost_and_late_frames_leave_the_result() {
     }
 }
 
-/// Offsets, delays, filters, states, SyncManagers and EEPROM are as before, at the end and when it
-/// ends early.
+/// Offsets, delays, filters, states, SyncManagers and EEPROM are restored, at the end and after an
+/// early end.
 #[test]
 fn everything_is_put_back() {
     static STOP: AtomicBool = AtomicBool::new(false);
@@ -271,7 +270,7 @@ fn everything_is_put_back() {
     }
 }
 
-/// What can't be put back is told: here the cable is pulled in the midst of it.
+/// What cannot be restored is reported: here the cable is pulled during the calibration.
 #[test]
 fn a_pulled_cable_is_told() {
     for pulled in [100, 2_000, 5_000] {
@@ -287,7 +286,7 @@ fn a_pulled_cable_is_told() {
     }
 }
 
-/// A device without a system clock, with receive times or without, is left out; one clock alone is
+/// A device without a system clock, with receive times or without, is left out; a single clock is
 /// refused.
 #[test]
 fn devices_without_a_clock_are_left_out() {
@@ -325,15 +324,15 @@ fn devices_without_a_clock_are_left_out() {
     assert!(devices[1].clock.is_none() && !devices[1].has_clock);
     assert_eq!(devices[2].clock.as_ref().map(|clock| &clock.polarity), Some(&Some(PositiveAhead)));
     assert!(matches!(devices[2].clock.as_ref().expect("a clock").law.verdict, Verdict::Told(_)));
-    // It is told as left out, with its times of EEPROM and states.
+    // The device is reported as left out, with its times of EEPROM and states.
     let report = CalibrationReport::new("virtual.toml", &found);
     assert!(report.complete);
     assert_eq!(report.devices[1].clock, ClockKind::ReceiveTimes);
     assert!(report.devices[1].law.is_none() && report.devices[1].eeprom_read.is_some());
 }
 
-/// The fragment is a profile's: with it the device has what was measured. Where clocks differ, one
-/// is to be named.
+/// The fragment is valid in a profile, and the device then has the measured properties. If clocks
+/// differ, one must be named.
 #[test]
 fn a_profile_takes_what_was_measured() {
     let followers = [ALL[1], ALL[2]];
@@ -351,7 +350,7 @@ fn a_profile_takes_what_was_measured() {
     }
 }
 
-/// A segment that somebody operates is refused before anything is written.
+/// A segment in operation is refused before anything is written.
 #[test]
 fn a_segment_in_operation_is_refused() {
     let mut wire = VirtualWire::new(segment(&ALL[..1]));
@@ -363,7 +362,7 @@ fn a_segment_in_operation_is_refused() {
     assert_eq!(registers(&mut wire, 2), before);
 }
 
-/// A law that nobody has thought of is not taken for one of those that are known.
+/// An unknown law is not mistaken for one of the known laws.
 #[test]
 fn an_unknown_law_fits_none() {
     let unknown = [
@@ -385,7 +384,7 @@ fn an_unknown_law_fits_none() {
     }
 }
 
-/// Counters of 32 bits wrap each 4.3 s, in the reference and behind it.
+/// Counters of 32 bits wrap every 4.3 s, in the reference and behind it.
 #[test]
 fn clocks_of_32_bits_are_calibrated_too() {
     let narrow = |number: usize, (law, polarity, ppm): Follower| {
@@ -414,9 +413,9 @@ fn clocks_of_32_bits_are_calibrated_too() {
     check(clock(2), (HOLD_10, PositiveAhead, 20.0), -40.0);
 }
 
-/// Crystals that wander and warm up, on a lossy wire and from a late host: the law is found all the
-/// same, and its parameter within an error that is not too large either. `ISOCAT_SEEDS=10` tries
-/// more.
+/// Crystals wander and warm up, the wire loses frames and the host is late: the law is found
+/// nevertheless, and its parameter within an error that is not too large either. `ISOCAT_SEEDS=10`
+/// tries more.
 #[test]
 fn wandering_crystals_leave_the_law() {
     let seeds = std::env::var("ISOCAT_SEEDS").ok().and_then(|text| text.parse().ok()).unwrap_or(2);

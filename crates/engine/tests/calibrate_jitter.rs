@@ -1,10 +1,10 @@
-//! Calibrations of virtual segments whose hops jitter: each law is found with its parameter, and the
-//! errors that are told beside the figures are those that they have.
+//! Calibrations of virtual segments whose hops jitter: each law is found with its parameter, and
+//! the stated errors of the figures are the real ones.
 //!
 //! `ISOCAT_SEEDS=10 cargo test --release -p isocat-engine --test calibrate_jitter -- --nocapture`
-//! prints the rows of the table of `docs/calibrate.md`: ports, what was set, jitter; clocks told, not
-//! told apart, told wrong; parameter, misfit, jitter, tDiff, each as means, and in brackets by how many of
-//! their errors they are off (root mean square).
+//! prints the rows of the table of `docs/calibrate.md`: ports, what was set, jitter; clocks told,
+//! not told apart, told wrong; parameter, misfit, jitter, tDiff, each as means, and in brackets
+//! their deviation in units of their error (root mean square).
 
 use std::sync::atomic::AtomicBool;
 
@@ -36,18 +36,18 @@ fn segment(terminals: bool, law: DriftLaw, hop_jitter: bool, seed: u64) -> Scena
     scenario
 }
 
-/// What was found over several seeds, beside what was set.
+/// The results over several seeds, and what was set.
 #[derive(Default)]
 struct Row {
     clocks: usize,
     told: usize,
     not_told_apart: usize,
     wrong: usize,
-    /// Parameter, its error, and how far it is off in errors.
+    /// Parameter, its error, and its deviation in errors.
     parameters: Vec<(f64, f64, f64)>,
     jitters: Vec<(f64, f64, f64)>,
     crystals: Vec<f64>,
-    /// tDiff, its error, and how far it is off in errors.
+    /// tDiff, its error, and its deviation in errors.
     t_diffs: Vec<(f64, f64, f64)>,
     misfits: Vec<f64>,
 }
@@ -98,7 +98,7 @@ fn seeds() -> u64 {
     std::env::var("ISOCAT_SEEDS").ok().and_then(|text| text.parse().ok()).unwrap_or(1)
 }
 
-/// One line of the table, and what it must say.
+/// One line of the table, with its checks.
 fn row(terminals: bool, law: DriftLaw, hop_jitter: bool) -> Row {
     let jitter_set = match (hop_jitter, terminals) {
         (false, _) => 0.0,
@@ -117,7 +117,8 @@ fn row(terminals: bool, law: DriftLaw, hop_jitter: bool) -> Row {
         for device in &found.devices[1..] {
             let set = ((1.0 + ppb[device.position] / 1e9) / (1.0 + ppb[0] / 1e9) - 1.0) * 1e9;
             let clock = device.clock.as_ref().expect("a clock");
-            // All but the last of the line have one: processing less forwarding delay of the chip.
+            // All but the last device of the line have one: processing less forwarding delay of the
+            // chip.
             let t_diff = device.hop.as_ref().and_then(|hop| hop.t_diff);
             assert_eq!(t_diff.is_some(), device.position < 3, "{:?}", device.hop);
             row.t_diffs.extend(t_diff.map(|(value, error)| (value, error, (value - 20.0) / error)));
@@ -150,30 +151,30 @@ fn row(terminals: bool, law: DriftLaw, hop_jitter: bool) -> Row {
     row
 }
 
-/// A law with jitter and without, on copper and on EBUS: another one is never told, and errors are
+/// A law with jitter and without, on copper and on EBUS: never is another law found, and errors are
 /// neither too small nor far too large.
 fn check(law: DriftLaw) {
     for (terminals, hop_jitter) in [(false, true), (true, true), (false, false)] {
-        // One seed is for every day: then each law stands on the wire that is hardest.
+        // With one seed, the test is short: each law is tested only on the hardest wire.
         if seeds() == 1 && (terminals || !hop_jitter) {
             continue;
         }
         let row = row(terminals, law, hop_jitter);
         let gain = matches!(law, DriftLaw::Proportional { .. });
         let name = format!("{law}, terminals {terminals}, jitter {hop_jitter}");
-        // Without jitter some loops of a high gain swing in ways that no prediction follows: then none
-        // of the laws fits, which is told.
+        // Without jitter some loops of a high gain oscillate in ways that no prediction follows:
+        // then none of the laws fits, and that is reported.
         let untold = if gain && !hop_jitter { row.clocks / 10 } else { 0 };
         assert_eq!((row.wrong, row.not_told_apart), (0, 0), "{name}");
         assert!(row.told + untold >= row.clocks, "{name}: {} of {}", row.told, row.clocks);
         let misfits = &row.misfits;
-        // A gain hands each ns on, so what a prediction leaves out shows most there.
+        // A gain passes each ns on, so the errors of a prediction are most visible there.
         let most = if gain { MOST_MISFIT } else { 2.0 };
         assert!(misfits.iter().all(|misfit| (0.1..most).contains(misfit)), "{name}: {misfits:?}");
         assert_eq!(row.parameters.len(), row.told, "{name}: each has an error");
         let parameters = row.parameters.iter().map(|it| it.2);
         let jitters = row.jitters.iter().map(|it| it.2);
-        // A gain acts so strongly that the least error is all that it has.
+        // A gain acts so strongly that its error is the least error.
         let least = if gain { 0.0 } else { 0.03 };
         within(&format!("{name}, parameters"), parameters.collect(), least);
         within(&format!("{name}, jitter"), jitters.collect(), 0.03);
@@ -183,7 +184,7 @@ fn check(law: DriftLaw) {
     }
 }
 
-/// Figures are off by no more than their errors allow, nor always by far less.
+/// Figures deviate by no more than their errors allow, and not always by far less.
 fn within(name: &str, off: Vec<f64>, least: f64) {
     assert!(off.iter().all(|off| off.abs() < 4.5), "{name}: {off:?}");
     let rms = rms(off.iter().copied());

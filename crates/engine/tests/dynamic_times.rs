@@ -1,5 +1,5 @@
-//! Devices that state none of their times and measure them on command (0x1C32:08): what they measure
-//! is what their CPU needs, and the plan is made with it, to the nanosecond.
+//! Devices that state none of their times and measure them on command (0x1C32:08). They measure
+//! what their CPU needs, and the plan uses these times, to the nanosecond.
 
 use isocat_engine::plan::{Plan, PlanReport};
 use isocat_engine::{NoTap, Report, run};
@@ -11,13 +11,13 @@ use isocat_sim::HostModel;
 use isocat_sync::budget::Check;
 use isocat_wire::time::Nanos;
 
-/// What its CPU needs, ns: from SM2 to mapped outputs, the application, from Input Latch to inputs
-/// in the buffer.
+/// Times that its CPU needs, ns: from SM2 to mapped outputs, the application, and from Input Latch
+/// to inputs in the buffer.
 const COPY: i64 = 20_000;
 const APPLICATION: i64 = 7_000;
 const INPUT_COPY: i64 = 12_000;
 
-/// One device with each mode that has dynamic times, on perfect clocks; its profile changed.
+/// One device with each mode that has dynamic times, on perfect clocks, with a changed profile.
 fn scenario(keys: &str, change: impl Fn(String) -> String) -> Scenario {
     let text = format!(
         "cycle = \"1ms\"\nclocks = \"0ppm\"\nmeasure_times = true\n[[subdevice]]\ndevice = \"model_every_mode\"\n{keys}"
@@ -39,7 +39,7 @@ fn same(profile: String) -> String {
     profile
 }
 
-/// What the device measured on a run, and the report.
+/// The times that the device measured in a run, and the report.
 fn measured(scenario: &Scenario) -> (OwnTimes, Report) {
     let outcome = scenario.run().execute(None::<NoTap>, &mut |_| {});
     let report = Report::new(scenario, &outcome);
@@ -49,7 +49,7 @@ fn measured(scenario: &Scenario) -> (OwnTimes, Report) {
 
 #[test]
 fn a_device_measures_what_its_cpu_needs() {
-    // Behind SYNC0 inputs are latched before the application, so its work is part of their time.
+    // After SYNC0 inputs are latched before the application, so its work is part of their time.
     let all = COPY + APPLICATION + INPUT_COPY;
     for (mode, delay, work) in
         [("dc-sync0", APPLICATION, all - APPLICATION), ("sm", COPY + APPLICATION, all)]
@@ -58,7 +58,7 @@ fn a_device_measures_what_its_cpu_needs() {
         let (own, report) = measured(&scenario);
         assert!(report.in_sync, "{mode}: {}", report.verdict);
         assert!(own.settled, "{mode}: {own:?}");
-        // Stable for a second, read each 50 ms.
+        // The values must be stable for a second, and are read every 50 ms.
         assert!((1_000..1_300).contains(&(own.after.0 / 1_000_000)), "{mode}: {own:?}");
         assert_eq!(own.times.outputs_calc_and_copy, Some(Nanos(COPY)), "{mode}");
         assert_eq!(own.times.inputs_calc_and_copy, Some(Nanos(INPUT_COPY)), "{mode}");
@@ -76,19 +76,19 @@ fn what_does_not_lack_times_does_not_measure() {
         assert!(outcome.in_sync(), "{:?}", outcome.findings);
         outcome.world.main().segment().devices[0].own_times
     };
-    // In Free Run its times are its own; stated ones are believed; measured ones are kept.
+    // In Free Run its times do not matter; stated times are used; measured ones are stored.
     assert_eq!(found(&scenario("mode = \"free-run\"\n", same)), None);
     let stated = |text: String| text.replace("dynamic_times = true\n", "");
     assert_eq!(found(&scenario("mode = \"dc-sync0\"\n", stated)), None);
     let kept = "mode = \"dc-sync0\"\nmeasured_times = { outputs_calc_and_copy = \"20us\" }\n";
     assert_eq!(found(&scenario(kept, same)), None);
-    // And nothing is measured unasked.
+    // Nothing is measured unless requested.
     let mut unasked = scenario("mode = \"dc-sync0\"\n", same);
     unasked.operation.measure_times = false;
     assert_eq!(found(&unasked), None);
 }
 
-/// Times that change within the patience are told as not stable, and taken all the same.
+/// Times that change until the time limit are reported as not stable, and used nevertheless.
 #[test]
 fn times_that_do_not_settle_in_time_are_told() {
     let with = |settled, longest| {
@@ -109,7 +109,7 @@ fn times_that_do_not_settle_in_time_are_told() {
     assert!(matches!(failure.map(|e| e.cause), Some(Cause::Setting { name: "measure_times", .. })));
 }
 
-/// SYNC0 moves from the middle of what an unknown copy time leaves to that of the measured one.
+/// SYNC0 moves from the middle that an unknown copy time leaves to that of the measured one.
 #[test]
 fn the_plan_moves_for_what_was_measured() {
     let slow = |text: String| {
@@ -131,8 +131,8 @@ fn planned(scenario: &Scenario) -> PlanReport {
     Plan::of(scenario).expect("a plan").report(scenario)
 }
 
-/// SYNC0 at the first instant that the measured copy time allows, and a nanosecond before it: on
-/// the way up, and in a plan with the times that the run told.
+/// SYNC0 is tested at the first instant that the measured copy time allows, and a nanosecond before
+/// it: on the way up, and in a plan with the times that the run reported.
 #[test]
 fn a_nanosecond_too_early_is_refused() {
     let free = scenario("mode = \"dc-sync0\"\n", same);
@@ -174,7 +174,7 @@ fn a_nanosecond_too_early_is_refused() {
     }
 }
 
-/// Before anything is measured the plan says that nobody knows the times.
+/// Before the measurement the plan says that the times are not known.
 #[test]
 fn unknown_times_are_assumptions() {
     let report = planned(&scenario("mode = \"dc-sync0\"\n", same));

@@ -1,5 +1,6 @@
-//! 0x092C is read once more when a run ends. Where it was followed all the time, one such reading beyond the limit is a doubt and no
-//! finding: the frame may have taken another way just then. Where it was not followed, it is all that there is.
+//! 0x092C is read once more when a run ends. If it was followed all the time, one such reading
+//! beyond the limit is a doubt and no finding: the frame may have taken another path. If it was not
+//! followed, that reading is the only one.
 
 use isocat_engine::NoTap;
 use isocat_engine::verdict::{self, Engine, Gap, Readings, Verdict};
@@ -10,7 +11,7 @@ use isocat_wire::time::{Nanos, Picos, Time};
 
 const LIMIT: Nanos = Nanos::micros(1);
 
-/// The verdict on two drives of which the second says at the end that it is off by so much.
+/// The verdict on two drives, the second of which shows this difference at the end.
 fn verdict(is_followed: bool, difference: Nanos) -> Verdict {
     let text = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\ncount = 2\n";
     let scenario = Scenario::from(SegmentFile::parse("two.toml", text).expect("it reads"));

@@ -1,9 +1,9 @@
 //! Reports as one HTML file each: no network, light and dark, for screen, phone and paper.
 //!
-//! A [`Page`] is the shell: style, script and the report as JSON are in the file itself. What a
-//! page says comes from [`run`], [`interface`], [`plan`], [`serve`], [`sweep`], [`conform`] or
-//! [`diagnose`]; drawings from [`crate::picture`]. Without its script a page shows all the same, it
-//! cannot be zoomed then.
+//! A [`Page`] is the frame: style, script and the report as JSON are in the file itself. The
+//! content comes from [`run`], [`interface`], [`plan`], [`serve`], [`sweep`], [`conform`] or
+//! [`diagnose`]; drawings from [`crate::picture`]. Without its script a page shows the same, but
+//! cannot be zoomed.
 
 pub mod conform;
 pub mod diagnose;
@@ -27,17 +27,17 @@ use crate::picture;
 /// A report as a page.
 #[derive(Clone, Debug)]
 pub struct Page {
-    /// Name of the tab.
+    /// Title of the tab.
     pub title: String,
-    /// What it is a report of, above the verdict.
+    /// The kind of report, above the verdict.
     pub kind: &'static str,
-    /// All is well.
+    /// Whether all is well.
     pub good: bool,
-    /// The verdict, in words.
+    /// The verdict in words.
     pub verdict: String,
-    /// What is below.
+    /// The content.
     pub body: Markup,
-    /// How to repeat it: a command; empty if that is not possible.
+    /// The command that repeats it; empty if that is not possible.
     pub command: String,
     /// The report for programs.
     pub json: String,
@@ -47,9 +47,9 @@ const STYLE: &str = include_str!("html/style.css");
 const SCRIPT: &str = include_str!("html/script.js");
 
 impl Page {
-    /// The file.
+    /// The HTML file.
     pub fn render(&self) -> String {
-        // Nothing in a script element ends it but this.
+        // Only these sequences could end a script element or start a comment in it.
         let json = self.json.replace("</", "<\\/").replace("<!--", "<\\!--");
         html! {
             (DOCTYPE)
@@ -61,7 +61,7 @@ impl Page {
                     meta name="generator" content={ "isocat " (env!("CARGO_PKG_VERSION")) };
                     title { (self.title) }
                     link rel="icon" href="data:,";
-                    // The page's own style has the last word: paper is white.
+                    // The page's own style comes last, so that it decides: paper is white.
                     style { (PreEscaped(picture::STYLE)) (PreEscaped(STYLE)) }
                 }
                 body {

@@ -1,6 +1,6 @@
 //! isocat: an EtherCAT synchronization engine, as a library.
 //!
-//! The main job in four lines: describe a segment, run it, look at the report.
+//! The main job in four lines: describe a segment, run it, and inspect the report.
 //!
 //! ```
 //! use isocat::{Scenario, SegmentFile, run};
@@ -10,19 +10,20 @@
 //! assert!(report.in_sync, "{}", report.verdict);
 //! ```
 //!
-//! This crate is the command (`cli`), its views ([`picture`], [`html`], [`tool`], `watch`, `metrics`), and one door to the crates behind it:
+//! This crate is the command (`cli`) with its views ([`picture`], [`html`], [`tool`], `watch`,
+//! `metrics`), and re-exports the crates behind it:
 //!
-//! | crate | modules | what they do |
+//! | crate | modules | function |
 //! |---|---|---|
-//! | `isocat-descriptions` | [`esi`], [`eni`], [`sii`], [`start_up`], [`document`], [`quantity`] | files of the field, with places in errors |
-//! | `isocat-segment` | [`profile`], [`segment_file`], [`scenario`] | devices and segments as users write them down |
-//! | `isocat-captures` | [`reading`], [`pairing`] | anybody's captures, and which frames belong together |
-//! | `isocat-recorders` | [`capture`], [`waves`], [`trace`], [`series`], [`flight`], [`ring`] | what happened, for other people's tools |
+//! | `isocat-descriptions` | [`esi`], [`eni`], [`sii`], [`start_up`], [`document`], [`quantity`] | descriptions of devices and networks, with places in errors |
+//! | `isocat-segment` | [`profile`], [`segment_file`], [`scenario`] | devices and segments as users describe them |
+//! | `isocat-captures` | [`reading`], [`pairing`] | captures of any tool, and the pairs of frames in them |
+//! | `isocat-recorders` | [`capture`], [`waves`], [`trace`], [`series`], [`flight`], [`ring`] | recordings in the formats of other tools |
 //! | `isocat-engine` | [`plan`], [`replay`], [`report`], [`scan`], [`calibrate`], [`recording`], [`timeline`], [`diagnosis`], [`status`], [`explain`], `live` | plan, run, judge |
-//! | `isocat-diagnose` | [`diagnose`] | what is in a capture, and what went wrong |
+//! | `isocat-diagnose` | [`diagnose`] | the content of a capture, and its faults |
 //! | `isocat-conform` | [`conform`] | tests a SubDevice's synchronization |
-//! | `isocat-serve` | [`serve`] | the virtual segment for anybody's MainDevice |
-//! | `isocat-player` | [`player`] | plays what a configuration tool wrote (ENI), and compares it with our plan |
+//! | `isocat-serve` | [`serve`] | the virtual segment for any MainDevice |
+//! | `isocat-player` | [`player`] | plays the output of a configuration tool (ENI), and compares it with our plan |
 //! | `isocat-host` | `host` | a MainDevice on a network interface |
 #![forbid(unsafe_code)]
 

@@ -1,11 +1,12 @@
 //! Metrics for Prometheus: a status in its text format, and a small server for `GET /metrics`.
 //!
-//! Names and units follow Prometheus: base units (seconds, ratios), counters end in `_total`, every family has its HELP and
-//! TYPE. The server has threads of its own and takes what the live view takes, so the loop that keeps a cycle never knows
-//! of it.
+//! Names and units follow Prometheus: base units (seconds, ratios), counters end in `_total`, every
+//! family has its HELP and TYPE. The server has separate threads and uses the same data as the live
+//! view, so it does not affect the loop that keeps a cycle.
 //!
-//! No sample carries a time stamp: Prometheus stamps it when it asks. In a simulation at another speed than 1 a second of
-//! its clock is therefore not one of the segment's; `isocat_time_seconds` tells the segment's own time.
+//! No sample has a time stamp: Prometheus adds it when it scrapes. In a simulation with a speed
+//! other than 1, a second of its clock is therefore not a second of the segment;
+//! `isocat_time_seconds` is the segment's own time.
 
 mod server;
 #[cfg(test)]
@@ -31,13 +32,14 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
 pub fn text(status: &Status) -> String {
     let mut text = Vec::new();
     let families: Vec<MetricFamily> = families(status);
-    // A family has a name, a type and a sample, and a Vec takes all: nothing is left that could fail.
+    // Each family has a name, a type and a sample, and a Vec accepts all bytes, so nothing can
+    // fail.
     let encoded = TextEncoder::new().encode(&families, &mut text);
     debug_assert!(encoded.is_ok(), "{encoded:?}");
     String::from_utf8_lossy(&text).into_owned()
 }
 
-/// A family in the making.
+/// A family under construction.
 struct Family {
     name: &'static str,
     help: &'static str,
@@ -63,7 +65,7 @@ impl Family {
         self.samples.extend(value.map(|value| (labels, value)));
     }
 
-    /// A sample for each SubDevice that has a figure.
+    /// Adds a sample for each SubDevice with a figure.
     fn of_devices(mut self, status: &Status, figure: impl Fn(&Device) -> Option<f64>) -> Self {
         for device in &status.devices {
             self.push(labels(device), figure(device));
@@ -276,10 +278,10 @@ fn of_devices(status: &Status) -> Vec<Family> {
     families
 }
 
-/// Name, help, figure.
+/// Name, help text, and figure.
 type Sourced = (&'static str, &'static str, fn(&Device) -> Option<f64>);
 
-/// Families whose samples say where they are from.
+/// Families whose samples state their source.
 fn with_source<const N: usize>(
     status: &Status,
     source: char,

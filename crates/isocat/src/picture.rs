@@ -1,12 +1,12 @@
-//! Pictures of a run as SVG: what happens in a cycle ([`cycle`]), a series over time ([`series`]),
+//! Pictures of a run as SVG: the events of a cycle ([`cycle`]), a series over time ([`series`]),
 //! states of devices ([`states`]), counts by size (`bars`), digital signals ([`waves`]), the tree
 //! of a segment ([`topology`]).
 //!
-//! One drawing for every place: a report embeds it and lets it be zoomed, documentation keeps it as
-//! a file, a page in a browser draws it anew. So a picture is a plain text without any script,
-//! colours are names of its style (`picture/style.css`, light and dark), and everything that has a
-//! figure carries it as its title. What is in the group `stretch` may be stretched along the axis
-//! of time; texts with the class `moves` keep their shape and move along.
+//! One drawing serves all uses: a report embeds it with zoom, documentation stores it as a file, a
+//! page in a browser redraws it. So a picture is plain text without a script, colours are names of
+//! its style (`picture/style.css`, light and dark), and every element with a figure has it as its
+//! title. The group `stretch` may be stretched along the axis of time; texts with the class `moves`
+//! keep their shape and move along.
 
 pub(crate) mod bars;
 pub mod cycle;
@@ -34,16 +34,16 @@ pub struct Picture {
     pub width: u32,
     /// Height, in units of the drawing.
     pub height: u32,
-    /// What it shows, for those who can't see it.
+    /// Its description, for readers who cannot see it.
     pub title: String,
-    /// Attributes of the outermost element beside its size.
+    /// Attributes of the outermost element besides its size.
     pub attributes: String,
-    /// What is in it, as SVG.
+    /// Its content as SVG.
     pub body: String,
 }
 
 impl Picture {
-    /// The SVG element, to be put into a page that has [`STYLE`].
+    /// The SVG element, for a page with [`STYLE`].
     pub fn svg(&self) -> String {
         let Self { width, height, title, attributes, body } = self;
         let title = escape(title);
@@ -53,7 +53,7 @@ impl Picture {
         )
     }
 
-    /// A file of its own.
+    /// A separate SVG file.
     pub fn file(&self) -> String {
         let Self { width, height, title, body, .. } = self;
         let title = escape(title);
@@ -65,7 +65,7 @@ impl Picture {
     }
 }
 
-/// A number for SVG: two decimals are a hundredth of a pixel.
+/// A number for SVG with two decimals: a hundredth of a pixel.
 pub(crate) fn number(value: f64) -> String {
     let mut text = format!("{value:.2}");
     text.truncate(text.trim_end_matches('0').trim_end_matches('.').len());

@@ -1,9 +1,9 @@
-//! Frames that are kept for the moment in which something happens.
+//! Frames that are stored when an incident happens.
 //!
 //! A [`Guard`] takes frames as they come, from a listener or from the loop of a MainDevice. It
-//! keeps the last seconds ([`isocat_recorders::flight`]), gives each frame to the judge of captures
-//! ([`isocat_diagnose::live`]), and triggers the recorder when that finds a fault which was asked
-//! for. What happened, and what became of the files, comes out as [`Event`]s.
+//! keeps the last seconds ([`isocat_recorders::flight`]), passes each frame to the judge of
+//! captures ([`isocat_diagnose::live`]), and triggers the recorder when the judge finds a selected
+//! fault. Incidents, and the results of the files, are reported as [`Event`]s.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -18,15 +18,15 @@ use isocat_diagnose::live::{Live, Symptom};
 use isocat_recorders::flight::{FlightRecorder, Limits, Reason, Told};
 use serde_json::{Value, json};
 
-/// What makes a file be written.
+/// The incidents that trigger a file.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum On {
     /// A working counter is lower than usual
     Wkc,
-    /// A device leaves OP, refuses a state, or does not answer any more
+    /// A device leaves OP, refuses a state, or no longer answers
     AlState,
-    /// SYNC is lost: cycles skipped, frames beyond SYNC0, clocks apart, a host that slides
+    /// SYNC is lost: skipped cycles, frames beyond SYNC0, clocks apart, a host that drifts
     Sync,
     /// Frames are lost, doubled, damaged, or come from another MainDevice
     Lost,
@@ -35,7 +35,7 @@ pub enum On {
 }
 
 impl On {
-    /// All of them.
+    /// All incidents.
     pub const ALL: [Self; 5] = [Self::Wkc, Self::AlState, Self::Sync, Self::Lost, Self::Signal];
 
     fn of(symptom: Symptom) -> Self {
@@ -48,35 +48,35 @@ impl On {
     }
 }
 
-/// What a guard says.
+/// A report of a guard.
 #[derive(Debug)]
 pub enum Event {
-    /// Something happened that a file is written for.
+    /// An incident for which a file is written.
     Happened {
-        /// When it was noticed, wall time since 1970.
+        /// Time when it was noticed, wall time since 1970.
         at: Duration,
-        /// Number of the frame that shows it, from the beginning of the recording; `None`: a
+        /// Number of the frame that shows it, from the beginning of the recording; `None` for a
         /// signal.
         frame: Option<usize>,
-        /// What it is.
+        /// The reason.
         reason: Reason,
     },
-    /// What became of a file.
+    /// The result of a file.
     File(Told),
 }
 
-/// What a guard is asked for.
+/// The settings of a guard.
 #[derive(Clone, Debug)]
 pub struct Wanted {
-    /// How much is kept.
+    /// Limits of the recording.
     pub limits: Limits,
-    /// What makes a file be written.
+    /// The incidents that trigger a file.
     pub on: Vec<On>,
-    /// What devices are called.
+    /// Names of the devices.
     pub names: Names,
 }
 
-/// Keeps frames, looks at them, and has them written.
+/// Keeps frames, judges them, and triggers files.
 #[derive(Debug)]
 pub struct Guard {
     recorder: FlightRecorder,
@@ -86,15 +86,15 @@ pub struct Guard {
     asked: Arc<AtomicBool>,
     events: SyncSender<Event>,
     looked: Duration,
-    /// The judge found something, and has not been told to forget it.
+    /// Whether the judge has found a fault since it was last reset.
     found: bool,
     frames: u64,
 }
 
 impl Guard {
-    /// Begins to guard `interface`, with files in `folder`; `asked` is set where a file is wanted
-    /// at once. The error says why no file can be written there. If `events` is no longer read,
-    /// recording goes on without telling.
+    /// Starts to guard `interface`, with files in `folder`; `asked` is set to request a file at
+    /// once. The error says why no file can be written there. If `events` is no longer read,
+    /// recording continues without reports.
     pub fn new(
         folder: &Path,
         interface: &str,
@@ -109,7 +109,7 @@ impl Guard {
         Ok((guard, incoming))
     }
 
-    /// Takes a frame that left (`sent`) or came in at `at`, wall time since 1970.
+    /// Takes a frame that was sent (`sent`) or received at `at`, wall time since 1970.
     pub fn frame(&mut self, at: Duration, sent: bool, bytes: &[u8]) {
         self.frames = self.recorder.frame(at, sent, bytes);
         let number = usize::try_from(self.frames).unwrap_or(usize::MAX);
@@ -125,7 +125,8 @@ impl Guard {
         }
     }
 
-    /// It is `now`, with or without frames: to be called some ten times a second.
+    /// Advances the time to `now`, with or without frames; it must be called some ten times per
+    /// second.
     pub fn idle(&mut self, now: Duration) {
         self.looked = now;
         if self.asked.swap(false, Ordering::Relaxed) && self.wanted.on.contains(&On::Signal) {
@@ -139,7 +140,7 @@ impl Guard {
                 self.happened(now, Some(news.frame), Reason { kind, what });
             }
         }
-        // Just before the incident ends, so that what follows it is news again.
+        // The judge is reset just before the incident ends, so that later faults are new ones.
         let ends = self.recorder.until().is_none_or(|until| now + LOOK >= until);
         if self.found && ends {
             self.live.forget();
@@ -151,17 +152,17 @@ impl Guard {
         }
     }
 
-    /// Frames so far.
+    /// Number of frames so far.
     pub fn frames(&self) -> u64 {
         self.frames
     }
 
-    /// Which directions are seen; `None`: that is not known yet.
+    /// The directions that are seen; `None` if that is not known yet.
     pub fn seen(&self) -> Option<Seen> {
         self.live.seen()
     }
 
-    /// Writes what is left, and waits for the disk.
+    /// Writes the rest, and waits for the disk.
     pub fn finish(mut self) {
         self.idle(self.looked);
         let Self { recorder, events, .. } = self;
@@ -176,7 +177,8 @@ impl Guard {
     }
 
     fn say(&self, event: Event) {
-        // What is not read in time is not worth memory without bound: the file says it too.
+        // Events that are not read in time are dropped, to bound the memory; the file contains
+        // them, too.
         let _ = self.events.try_send(event);
     }
 }
@@ -200,7 +202,7 @@ impl isocat_host::recorder::Sink for Guard {
 }
 
 impl Event {
-    /// One line for people.
+    /// The event as one line for people.
     pub fn words(&self) -> String {
         match self {
             Self::Happened { frame: Some(frame), reason, .. } => {
@@ -213,7 +215,7 @@ impl Event {
         }
     }
 
-    /// One line for programs.
+    /// The event as one line for programs.
     pub fn json(&self) -> Value {
         match self {
             Self::Happened { at, frame, reason } => json!({
@@ -274,7 +276,7 @@ fn kinds(reasons: &[Reason]) -> Vec<&'static str> {
     reasons.iter().map(|reason| reason.kind).collect()
 }
 
-/// From one look for faults to the next.
+/// Time from one search for faults to the next.
 const LOOK: Duration = Duration::from_millis(50);
-/// Events that wait to be taken.
+/// Largest number of events that wait to be read.
 const MOST_EVENTS: usize = 1024;

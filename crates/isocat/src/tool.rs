@@ -1,9 +1,9 @@
-//! The plan in the words of another MainDevice, or of the program that configures one.
+//! The plan for another MainDevice, or for the program that configures one.
 //!
-//! [`Sheet::of`] takes from the plan, its report and its start-up list what any other tool can be
-//! told, each number with its reason. [`Tool::files`] writes it down: a module per tool, of which
-//! none computes anything that the sheet does not have. What a tool has no words for is a line in
-//! its file.
+//! [`Sheet::of`] collects from the plan, its report and its start-up list everything that another
+//! tool can use, each number with its reason. [`Tool::files`] writes the files: there is a module
+//! per tool, and none computes anything beyond the sheet. A setting that a tool cannot express is a
+//! comment in its file.
 
 use isocat_engine::plan::Plan;
 use isocat_segment::Scenario;
@@ -42,17 +42,17 @@ pub enum Tool {
     KickCat,
 }
 
-/// One file of a tool.
+/// One file for a tool.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct File {
     /// Its name, without folder.
     pub name: String,
-    /// What is in it.
+    /// Its content.
     pub text: String,
 }
 
 impl Tool {
-    /// All of them.
+    /// All tools.
     pub const ALL: [Self; 8] = [
         Self::TwinCat,
         Self::Igh,
@@ -83,13 +83,12 @@ impl Tool {
         Self::ALL.into_iter().find(|tool| tool.name() == name)
     }
 
-    /// Whether it wants a file for each SubDevice, and so a folder.
+    /// Whether it needs a file for each SubDevice, and so a folder.
     pub const fn many_files(self) -> bool {
         matches!(self, Self::Ros2)
     }
 
-    /// What it is to be told: one file, or with [`many_files`](Self::many_files) one for each
-    /// SubDevice.
+    /// Its files: one, or with [`many_files`](Self::many_files) one for each SubDevice.
     pub fn files(self, plan: &Plan, scenario: &Scenario) -> Vec<File> {
         let sheet = Sheet::of(plan, scenario);
         let one = |name: &str, text| vec![File { name: name.to_owned(), text }];

@@ -1,9 +1,9 @@
-//! The live view: a segment that runs, on a terminal, as lines, or as a gate for scripts.
+//! The live view: a running segment, on a terminal, as lines, or as a gate for scripts.
 //!
-//! A [`source`] gives a [`Status`](isocat_engine::status::Status) about ten times a second: of a
-//! simulation paced by the host's clock, of a real wire, of a service. `trend` keeps what the
-//! figures were, `gate` waits until they are good for long enough. What is shown is a `view` (what
-//! is selected, how it is sorted) drawn by `screen` and `cycle`, or the lines of `plain`.
+//! A [`source`] gives a [`Status`](isocat_engine::status::Status) about ten times per second: from
+//! a simulation paced by the host's clock, from a real wire, or from a service. `trend` keeps the
+//! history of the figures, `gate` waits until they have been good for long enough. A `view`
+//! (selection and sort order) is drawn by `screen` and `cycle`, or printed as the lines of `plain`.
 //! `terminal` is the loop with a terminal.
 
 mod cycle;

@@ -1,7 +1,8 @@
-//! The object dictionary of each device of a segment file, as JSON: what its virtual SubDevice answers after power-on.
+//! The object dictionary of each device of a segment file, as JSON: the answers of its virtual
+//! SubDevice after power-on.
 //!
-//! `cargo run -p isocat-segment --example dictionary SEGMENT.toml`. `tests/interop/esi_compare.py` compares it with another
-//! reading of the descriptions.
+//! `cargo run -p isocat-segment --example dictionary SEGMENT.toml`. `tests/interop/esi_compare.py`
+//! compares it with another reading of the descriptions.
 
 use isocat_segment::SegmentFile;
 use serde_json::{Value, json};

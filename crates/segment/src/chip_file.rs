@@ -1,9 +1,9 @@
-//! What was measured of the chips of a segment, device by device: `isocat calibrate --chips` writes
-//! such a file, and `plan`, `run` and `serve` take it beside the segment file.
+//! The measured properties of the chips of a segment, device by device: `isocat calibrate --chips`
+//! writes such a file, and `plan`, `run` and `serve` read it in addition to the segment file.
 //!
 //! ```toml
 //! [[chip]]
-//! position = 1                  # as frames meet the devices; without it: all that have no table of their own
+//! position = 1                  # in the order of frames; without it: all devices without a table
 //! drift_law = "hold"
 //! drift_phase = 10
 //! difference_polarity = "positive-ahead"
@@ -11,7 +11,7 @@
 //! port_jitter = "40ns"
 //! ```
 //!
-//! Each key is one of `[esc]` of a profile, and goes before it.
+//! Each key is one of `[esc]` of a profile, and takes precedence over it.
 
 use std::collections::HashMap;
 
@@ -21,7 +21,7 @@ use isocat_descriptions::document::{FileError, Source, Table};
 use crate::chips;
 use crate::scenario::Scenario;
 
-/// A file of what was measured, read and checked as far as that goes without a segment.
+/// A file of measured properties, read and checked as far as possible without a segment.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct ChipFile {
     path: String,
@@ -47,7 +47,7 @@ impl ChipFile {
                     None => "a second table without a position; expected one".to_owned(),
                 }));
             }
-            // Values and their ranges do not depend on the chip that they are for.
+            // Values and their ranges do not depend on the chip.
             chips::measured(&isocat_esc::ET1100, table)?;
         }
         Ok(Self { path: path.to_owned(), text: text.to_owned() })
@@ -60,8 +60,8 @@ impl ChipFile {
         Self::parse(path, &text)
     }
 
-    /// Gives the devices of a scenario the chips that were measured. What the head of a segment
-    /// file says of all drift loops stays with the others. An error says which device is not there.
+    /// Gives the devices of a scenario the measured chips. The other devices keep the drift law
+    /// that the segment file sets for all. An error names a device that does not exist.
     pub fn apply(&self, scenario: &mut Scenario) -> Result<(), FileError> {
         let source = Source { path: &self.path, text: &self.text };
         let document = source.parse()?;
@@ -166,7 +166,7 @@ mod tests {
         file.apply(&mut scenario).expect("it fits");
         let chips: Vec<_> = scenario.devices.iter().map(|device| device.profile.esc()).collect();
         let laws: Vec<_> = chips.iter().map(|chip| chip.drift_law).collect();
-        // What the segment file says of all stays with those of which nothing was measured.
+        // The devices without measurements keep the setting for all of the segment file.
         assert_eq!(laws, [DriftLaw::BLOCK, DriftLaw::Hold { phase: 11 }, DriftLaw::BLOCK]);
         assert_eq!(scenario.drift_law, None);
         let periods: Vec<_> = chips.iter().map(|chip| chip.rx_fifo.mii_period).collect();

@@ -1,5 +1,5 @@
-//! What devices of one kind of ESC may have different: the law of the drift loop, the sign of its
-//! difference, times of EEPROM and ports.
+//! Properties in which devices with the same kind of ESC may differ: the law of the drift loop, the
+//! sign of its difference, times of EEPROM and ports.
 
 use isocat_descriptions::document::FileError;
 use isocat_descriptions::document::section::{Choice, Key, Keys, Kind, Limit, Need, Word};
@@ -28,7 +28,7 @@ pub(crate) static LAWS: [Word<DriftLaw>; 3] = [
     ),
 ];
 
-/// What bit 31 of register 0x092C may mean.
+/// The possible meanings of bit 31 of register 0x092C.
 pub(crate) static POLARITIES: [Word<DifferencePolarity>; 2] = [
     (
         "positive-ahead",
@@ -62,7 +62,7 @@ pub(crate) const DRIFT_LAW: Key = Key {
     example: r#""block""#,
 };
 
-/// Key `drift_phase`, which stands beside `drift_law` in segment files and profiles.
+/// Key `drift_phase`, which accompanies `drift_law` in segment files and profiles.
 pub(crate) const DRIFT_PHASE: Key = Key {
     name: "drift_phase",
     kind: Kind::Integer { least: 0, most: MOST_PHASE },
@@ -75,7 +75,7 @@ pub(crate) const DRIFT_PHASE: Key = Key {
 /// The model of the clock has 20 fraction bits.
 const MOST_PHASE: i64 = 20;
 
-/// Key `drift_gain`, which stands beside `drift_law` in segment files and profiles.
+/// Key `drift_gain`, which accompanies `drift_law` in segment files and profiles.
 pub(crate) const DRIFT_GAIN: Key = Key {
     name: "drift_gain",
     kind: Kind::Integer { least: 1, most: MOST_GAIN },
@@ -85,7 +85,7 @@ pub(crate) const DRIFT_GAIN: Key = Key {
     goes: "the law proportional of the simulated clocks",
     example: "8",
 };
-/// A whole range of register 0x0932 for 8 ns: beyond that the law is a switch.
+/// With this gain 8 ns give the whole range of register 0x0932: above it the law is a switch.
 const MOST_GAIN: i64 = 500;
 
 /// Key `eeprom_read` of chips.
@@ -110,8 +110,9 @@ pub(crate) const PORT_JITTER: Key = Key {
     example: r#""8ns""#,
 };
 
-/// The law that `drift_law`, `drift_phase` and `drift_gain` ask for; `usual` is the one without
-/// `drift_law`. `None` without any of the keys. A parameter is refused for a law without it.
+/// The law that `drift_law`, `drift_phase` and `drift_gain` request; `usual` is the one without
+/// `drift_law`. `None` without any of the keys. A parameter is refused for a law that does not have
+/// it.
 pub(crate) fn asked_law(keys: &Keys<'_>, usual: DriftLaw) -> Result<Option<DriftLaw>, FileError> {
     let named = keys.find_choice("drift_law", &LAWS)?;
     let phase = keys.find::<i64>("drift_phase")?;
@@ -138,7 +139,7 @@ pub(crate) fn asked_law(keys: &Keys<'_>, usual: DriftLaw) -> Result<Option<Drift
     }
 }
 
-/// A chip with what these keys say of its drift loop, its EEPROM and its ports.
+/// The chip with the values of these keys for its drift loop, its EEPROM and its ports.
 pub(crate) fn measured(chip: &Chip, keys: &Keys<'_>) -> Result<Chip, FileError> {
     let chip = with_law(chip, asked_law(keys, chip.drift_law)?);
     let polarity = keys.find_choice("difference_polarity", &POLARITIES)?;

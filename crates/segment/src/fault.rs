@@ -1,7 +1,9 @@
-//! Faults as people write them: one line each, the same in segment files, over the control socket, and wherever else.
+//! Faults as text: one line each, in the same form in segment files, over the control socket, and
+//! elsewhere.
 //!
-//! A line is a word of [`WORDS`] and what it needs, then `for` and a time if it is to end: `pull axis 2 for 500ms`,
-//! `loss 0.5% burst 3 back`, `misbehave 3 missed-copy 7 for 2s`. A SubDevice is named by its name or its position.
+//! A line is a word of [`WORDS`] and its arguments, then `for` and a time if it is to end: `pull
+//! axis 2 for 500ms`, `loss 0.5% burst 3 back`, `misbehave 3 missed-copy 7 for 2s`. A SubDevice is
+//! named by its name or its position.
 
 use std::fmt;
 use std::sync::Arc;
@@ -19,14 +21,14 @@ pub use words::{WORDS, Word};
 
 use arguments::Arguments;
 
-/// A fault that somebody wants, and for how long.
+/// A requested fault, and its duration.
 #[derive(Clone, Debug)]
 pub struct Order {
-    /// What is to happen. A SubDevice that comes in the place of another one is spare 0, until somebody gives it a number.
+    /// The fault. A replacement SubDevice is spare 0 until the caller numbers it.
     pub fault: Fault,
-    /// How long; `None`: until something else ends it.
+    /// Duration; `None`: until another fault ends it.
     pub lasts: Option<Nanos>,
-    /// The device that comes in the place of another one.
+    /// The replacement device.
     pub spare: Option<Arc<Profile>>,
 }
 
@@ -61,7 +63,7 @@ impl From<Fault> for Order {
     }
 }
 
-/// In words: `SubDevice 2 is off, for 500 ms`.
+/// The fault in words: `SubDevice 2 is off, for 500 ms`.
 impl fmt::Display for Order {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.fault.fmt(f)?;
@@ -72,7 +74,7 @@ impl fmt::Display for Order {
     }
 }
 
-/// What is wrong with what stands behind a word.
+/// Error in the arguments of a word.
 #[derive(Debug)]
 pub struct Wrong(String);
 

@@ -1,9 +1,9 @@
-//! Every key of segment files and profiles: where it may stand, and what can be made of its
+//! Every key of segment files and profiles: where it may occur, and the documents made from its
 //! declaration.
 //!
-//! The declarations stand beside their parsers: [`segment_file::FILE`] and [`profile::FILE`].
-//! [`find`] looks a key up by its name, [`schema()`] makes a JSON schema for editors, [`page()`] the
-//! tables of the documentation.
+//! The declarations are next to their parsers: [`segment_file::FILE`] and [`profile::FILE`].
+//! [`find`] looks a key up by its name, [`schema()`] makes a JSON schema for editors, [`page()`]
+//! the tables of the documentation.
 
 mod page;
 mod schema;
@@ -18,9 +18,9 @@ use crate::{profile, segment_file};
 /// A kind of file that has keys.
 #[derive(Debug)]
 pub struct File {
-    /// As the command names it: `segment-file`, `profile`.
+    /// Its name in commands: `segment-file`, `profile`.
     pub name: &'static str,
-    /// As sentences name it.
+    /// Its name in sentences.
     pub title: &'static str,
     /// Its top level.
     pub section: &'static Section,
@@ -32,20 +32,20 @@ pub static FILES: [File; 2] = [
     File { name: "profile", title: "profile", section: &profile::FILE },
 ];
 
-/// A place where a key may stand.
+/// A place where a key may occur.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
-    /// In which kind of file.
+    /// The kind of file.
     pub file: &'static File,
-    /// In which table of it.
+    /// The table in the file.
     pub section: &'static Section,
     /// The key.
     pub key: &'static Key,
 }
 
 impl Place {
-    /// The place as a path: `subdevice.input_shift`; the name alone at the top level and in what
-    /// has no name.
+    /// The place as a path: `subdevice.input_shift`; only the name at the top level and in tables
+    /// without a name.
     pub fn path(&self) -> String {
         match bare(self.section) {
             section if section.is_empty() || section.contains(' ') => self.key.name.to_owned(),
@@ -69,7 +69,7 @@ pub fn find(name: &str) -> Vec<Place> {
     all().filter(|place| place.key.name == name || place.path() == name).collect()
 }
 
-/// What a table is called without its brackets.
+/// The name of a table without its brackets.
 fn bare(section: &Section) -> &'static str {
     section.head.trim_matches(['[', ']'])
 }

@@ -1,12 +1,15 @@
-//! A segment as its users write it down, and what a run is made of.
+//! A segment as its users describe it, and how a run is made from it.
 //!
-//! Data's way: a [`segment_file`] names devices by their [`profile`], or by a maker's description of which a profile is made; both
-//! become a [`scenario`]: simulated devices, a host, and the configuration of the MainDevice. [`offline`] tells of a scenario what a
-//! scan would find, before anything is sent. A [`chip_file`] holds what was measured of the chips of a real segment, for a scenario.
+//! How data flow: a [`segment_file`] names devices by their [`profile`], or by an ESI file from
+//! which a profile is made. Both become a [`scenario`]: simulated devices, a host, and the
+//! configuration of the MainDevice. [`offline`] computes from a scenario what a scan would find,
+//! before anything is sent. A [`chip_file`] adds the measured properties of the chips of a real
+//! segment to a scenario.
 //!
-//! What is to go wrong is written as lines, which [`mod@fault`] reads for segment files and for everybody else.
+//! Faults are written as lines, which [`mod@fault`] reads for segment files and all other users.
 //!
-//! The keys of both files are declared in tables: [`keys`] has them all, and makes schemas and pages of them.
+//! The keys of both files are declared in tables: [`keys`] lists them all, and makes schemas and
+//! pages from them.
 #![forbid(unsafe_code)]
 
 pub mod chip_file;

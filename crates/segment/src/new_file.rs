@@ -1,7 +1,8 @@
-//! The text of a new segment file: devices in a line or a tree, with cables, with clocks to be edited, and with what to do next.
+//! The text of a new segment file: devices in a line or a tree, with cables, clocks to edit, and
+//! notes on the next steps.
 //!
-//! [`NewFile::add`] finds each device a place, as one would wire it: behind the last device that has a free port of its kind. Terminals
-//! on EBUS get a coupler where there is none.
+//! [`NewFile::add`] finds each device a place, as one would wire it: behind the last device with a
+//! free port of its kind. Terminals on EBUS get a coupler if there is none.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -12,31 +13,32 @@ use isocat_wire::time::Nanos;
 
 use crate::profile::{self, Profile};
 
-/// A segment file in the making.
+/// A segment file under construction.
 #[derive(Clone, Debug)]
 pub struct NewFile {
     /// The bus cycle.
     pub cycle: Nanos,
-    /// What it is made of, for its head: one line each.
+    /// Its sources, for its head: one line each.
     pub made_of: Vec<String>,
     devices: Vec<Device>,
     wiring: Wiring,
 }
 
-/// What one device is.
+/// One device of the file.
 #[derive(Clone, Debug)]
 pub struct NewDevice {
-    /// Its name; numbered where it stands before.
+    /// Its name; it is numbered if the name already exists.
     pub name: String,
-    /// Lines that say what it is, such as `device = "kollmorgen_akd2g"`.
+    /// Lines that define it, such as `device = "kollmorgen_akd2g"`.
     pub keys: Vec<String>,
-    /// What to say behind these lines.
+    /// Comments after these lines.
     pub notes: Vec<String>,
-    /// Where it hangs: position and port of the device upstream. `None`: where there is room.
+    /// Position and port of the device upstream. `None`: the last device with a free port of its
+    /// kind.
     pub place: Option<(usize, PortNumber)>,
-    /// Length of its cable in metres, where it is known.
+    /// Length of its cable in metres, if known.
     pub cable_m: Option<u32>,
-    /// How far its clock is off in ppm, where it is known.
+    /// Deviation of its clock in ppm, if known.
     pub clock_ppm: Option<f64>,
 }
 
@@ -47,17 +49,17 @@ struct Device {
     connect: Option<(usize, PortNumber)>,
 }
 
-/// Which ports of the devices so far are free, for devices of which nothing says where they hang.
+/// The free ports of the devices so far. It finds a place for devices whose place is not given.
 #[derive(Clone, Debug, Default)]
 pub struct Wiring {
-    /// Each device with its ports downstream that something is plugged into.
+    /// Each device with its downstream ports in use.
     devices: Vec<(Arc<Profile>, Vec<PortNumber>)>,
 }
 
 impl Wiring {
     /// The last device that has a free port of a kind, and the port.
     pub fn free(&self, kind: PortKind) -> Option<(usize, PortNumber)> {
-        // As frames pass them, but port 1 is the usual way on.
+        // The order is that of frames, except that port 1 is the usual way on.
         let ports = [PortNumber::P1, PortNumber::P2, PortNumber::P3];
         let all = self.devices.iter().enumerate().rev();
         let free = |(position, (profile, taken)): (usize, &(Arc<Profile>, Vec<PortNumber>))| {
@@ -69,8 +71,8 @@ impl Wiring {
         all.filter_map(free).next()
     }
 
-    /// Adds a device at a place, or where there is room for it. Gives the place if it is another one than port 1 of the
-    /// device before, where a device of a segment file hangs that says nothing else.
+    /// Adds a device at a place, or at the last free port of its kind. Returns the place unless it
+    /// is port 1 of the device before, which is the default of a segment file.
     pub fn add(
         &mut self,
         profile: Arc<Profile>,
@@ -89,7 +91,7 @@ impl Wiring {
 }
 
 impl NewFile {
-    /// Without devices yet.
+    /// A file without devices.
     pub fn new(cycle: Nanos) -> Self {
         Self { cycle, made_of: Vec::new(), devices: Vec::new(), wiring: Wiring::default() }
     }
@@ -99,12 +101,12 @@ impl NewFile {
         self.devices.len()
     }
 
-    /// Whether there is no device yet.
+    /// Whether there are no devices.
     pub fn is_empty(&self) -> bool {
         self.devices.is_empty()
     }
 
-    /// Adds a device. One that finds no free port of its kind is an error, in words.
+    /// Adds a device. Fails with a sentence if there is no free port of its kind.
     pub fn add(&mut self, mut what: NewDevice, profile: Arc<Profile>) -> Result<(), String> {
         let kind = profile.esc().port(PortNumber::P0);
         let is_first = self.devices.is_empty();
@@ -123,7 +125,7 @@ impl NewFile {
         Ok(())
     }
 
-    /// Adds a coupler from copper to EBUS: terminals need one in front of them where a cable leads to them.
+    /// Adds a coupler from copper to EBUS: terminals need one before them if a cable leads to them.
     pub fn add_coupler(&mut self) -> Result<(), String> {
         let profile = profile::built_in(COUPLER)
             .ok_or_else(|| format!("the built-in profile {COUPLER} is missing"))?;
@@ -147,7 +149,7 @@ impl NewFile {
         numbered.into_iter().find(|name| !is_known(name)).unwrap_or_default()
     }
 
-    /// The text; `path` is how the commands in its head name it.
+    /// The text; `path` is the file's name in the commands of its head.
     pub fn text(&self, path: &str) -> String {
         let mut text = String::new();
         for line in &self.made_of {
@@ -185,7 +187,7 @@ impl NewFile {
         }
         if let Some((above, port)) = connect {
             let name = &self.devices[*above].what.name;
-            // A colon in a name would be taken for the one before the port.
+            // A colon in a name would be mistaken for the one before the port.
             let above = if name.contains(':') { above.to_string() } else { name.clone() };
             let _ = writeln!(text, "connect = {}", quoted(&format!("{above}:{}", port.index())));
         }
@@ -205,7 +207,7 @@ impl NewFile {
     }
 }
 
-/// A text as TOML has it in quotes.
+/// A text as a quoted TOML string.
 pub fn quoted(text: &str) -> String {
     let mut quoted = String::from("\"");
     for letter in text.chars() {

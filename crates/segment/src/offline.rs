@@ -1,4 +1,5 @@
-//! The segment as its devices' profiles and its cables have it: what a scan and the objects would tell.
+//! The segment according to its devices' profiles and its cables: the same as a scan and the
+//! objects would show.
 
 use isocat_esc::chip::{Chip, DcUnits};
 use isocat_maindevice::segment::{
@@ -20,7 +21,7 @@ use isocat_wire::time::{Nanos, Picos};
 use crate::profile::Profile;
 use crate::segment_file;
 
-/// The segment that these devices make in this order, as far as it can be known without asking it.
+/// The segment of these devices in this order, as far as it can be known without a wire.
 pub fn segment(described: &[segment_file::SubDevice]) -> Segment {
     let mut devices: Vec<SubDevice> =
         described.iter().enumerate().map(|(i, device)| subdevice(i, device)).collect();
@@ -28,19 +29,20 @@ pub fn segment(described: &[segment_file::SubDevice]) -> Segment {
     let ways = ways(described);
     let base = reference.map_or(Picos::ZERO, |at| ways[at].delay);
     for (device, way) in devices.iter_mut().zip(&ways) {
-        // Half a nanosecond and more counts, as in the mean of many latches.
+        // Half a nanosecond and more is rounded up, as in the mean of many latches.
         let ps = (way.delay - base).0;
         device.delay = Some(Nanos((ps + 500).div_euclid(1_000)));
     }
     Segment { devices, reference, ..Segment::default() }
 }
 
-/// What is known of one of these devices without asking it.
+/// One of these devices, as far as it can be known without a wire.
 pub fn known(described: &[segment_file::SubDevice], position: usize) -> SubDevice {
     segment(described).devices.swap_remove(position)
 }
 
-/// How long a frame takes in a ring from each port of the MainDevice to the device there: the cable and the device's PHY.
+/// In a ring, the time of a frame from each port of the MainDevice to the device there: the cable
+/// and the device's PHY.
 pub fn ends(devices: &[segment_file::SubDevice], ring: segment_file::Ring) -> [Picos; 2] {
     let phy = |device: usize, port| devices[device].profile.esc().port_delay(port);
     let first = &devices[0];
@@ -50,7 +52,7 @@ pub fn ends(devices: &[segment_file::SubDevice], ring: segment_file::Ring) -> [P
     [phy(0, first.place.port) + Picos(out), phy(ring.device, ring.port) + closing]
 }
 
-/// What the cables and chips make of the propagation delays.
+/// The propagation delays that follow from cables and chips.
 pub fn ways(devices: &[segment_file::SubDevice]) -> Vec<Way> {
     fn chip(device: &segment_file::SubDevice) -> &Chip {
         device.profile.esc()
@@ -62,7 +64,7 @@ pub fn ways(devices: &[segment_file::SubDevice]) -> Vec<Way> {
             let above = device.place.upstream;
             let phys =
                 own + above.map_or(Picos::ZERO, |(at, port)| chip(&devices[at]).port_delay(port));
-            // mm times ps a metre.
+            // mm times ps per metre.
             let mean = device.cable.0 * device.cable_delay.0 / 1_000;
             let more = Picos::from(device.cable_asymmetry).0;
             Cabled {
@@ -142,7 +144,8 @@ fn subdevice(position: usize, file: &segment_file::SubDevice) -> SubDevice {
     device
 }
 
-/// Whether there is a system time: the feature, and the units that the EEPROM switches on.
+/// Which system time the device has: it depends on the feature bits, and on the units that the
+/// EEPROM switches on.
 fn clock(chip: &Chip, configuration: u8) -> DcCapability {
     let has = chip.has(features::DC)
         && match chip.dc_units {
@@ -157,7 +160,8 @@ fn clock(chip: &Chip, configuration: u8) -> DcCapability {
     }
 }
 
-/// The PDOs of a device's outputs and inputs, as they will be assigned; those of a device without CoE stand in its SII.
+/// The PDOs of a device's outputs and inputs, as they will be assigned; for a device without CoE
+/// those of its SII.
 pub(crate) fn process_data(file: &segment_file::SubDevice) -> [Vec<Pdo>; 2] {
     let device = subdevice(0, file);
     if device.has_coe() {
@@ -174,7 +178,7 @@ pub(crate) fn process_data(file: &segment_file::SubDevice) -> [Vec<Pdo>; 2] {
         .map(|pdos| pdos.iter().filter(assigned).map(pdo).collect())
 }
 
-/// Where an object lies in these PDOs, with a sign.
+/// The bits of an object in these PDOs, with a sign.
 pub(crate) fn bits_of(pdos: &[Pdo], index: u16, sub: u8) -> Option<Bits> {
     let mut at = 0;
     for entry in pdos.iter().flat_map(|pdo| &pdo.entries) {
@@ -186,7 +190,7 @@ pub(crate) fn bits_of(pdos: &[Pdo], index: u16, sub: u8) -> Option<Bits> {
     None
 }
 
-/// The PDOs that will be assigned, with what is mapped into them; those of power-on where none are wanted.
+/// The PDOs that will be assigned, with their mapping; those of power-on if none are requested.
 fn pdos(profile: &Profile, assignment: u16, wanted: &[u16]) -> Vec<Pdo> {
     let assigned = match wanted {
         [] => list(profile, assignment).into_iter().map(|pdo| pdo as u16).collect(),
@@ -201,7 +205,7 @@ fn pdos(profile: &Profile, assignment: u16, wanted: &[u16]) -> Vec<Pdo> {
     assigned.into_iter().filter(|pdo| *pdo != 0).map(pdo).collect()
 }
 
-/// The values of a list object: as many as its sub-index 0 says.
+/// The values of a list object, in the number that its sub-index 0 states.
 pub fn list(profile: &Profile, index: u16) -> Vec<u32> {
     let value = |sub| profile.value(isocat_wire::ObjectAddress::new(index, sub));
     let count = value(0).unwrap_or(0).min(254) as u8;
@@ -242,9 +246,9 @@ fn sync_object(description: &Description, index: u16) -> Option<SyncObject> {
     Some(object)
 }
 
-/// In the SII: a PDO that no SyncManager has by default.
+/// In the SII: a PDO without a SyncManager by default.
 const NO_SYNC_MANAGER: u8 = 0xFF;
-/// As the scan gives them.
+/// First station address of a scan.
 const FIRST_STATION: u16 = 0x1001;
 /// Register 0x0141: SYNC-out unit on.
 const DC_SYNC: u8 = 1 << 2;

@@ -1,16 +1,18 @@
-//! Device profiles: everything a virtual SubDevice is made of, from one TOML file.
+//! Device profiles: the complete definition of a virtual SubDevice in one TOML file.
 //!
-//! A profile says what a device's maker would: identity, ESC, mailbox, PDOs, objects with their
-//! access and values, the times its CPU needs. [`Profile::from_toml`] goes three ways with it:
+//! A profile contains what a device's maker would state: identity, ESC, mailbox, PDOs, objects with
+//! their access and values, and the times of its CPU. [`Profile::from_toml`] processes it in three
+//! steps:
 //!
-//! 1. `parse` (and `rows` for the objects) reads the file into a `draft`, `dictionary` adds the objects that follow from short
-//!    fields (0x1000, 0x1008, 0x1018, PDO mapping and assignment, the objects of a CiA 402 drive);
-//! 2. `check` refuses contradictions, naming file, line and what was expected;
-//! 3. from the draft come the [`Description`] that the SubDevice stack runs on and, by `sii`, the
-//!    EEPROM image that a MainDevice reads.
+//! 1. `parse` (and `rows` for the objects) reads the file into a `draft`, `dictionary` adds the
+//!    objects that follow from short fields (0x1000, 0x1008, 0x1018, PDO mapping and assignment,
+//!    the objects of a CiA 402 drive);
+//! 2. `check` refuses contradictions, with file, line and expected value;
+//! 3. the draft gives the [`Description`] for the SubDevice stack and, by `sii`, the EEPROM image
+//!    that a MainDevice reads.
 //!
-//! Every key, with its values and its default, is declared in [`FILE`]. The least a file needs; everything else has a
-//! default or follows from this:
+//! Every key, with its values and its default, is declared in [`FILE`]. This is the minimum of a
+//! file; everything else has a default or follows from it:
 //!
 //! ```toml
 //! id = "minimal"                # what segment files call it
@@ -54,24 +56,27 @@
 //! why = "not published; ..."
 //! ```
 //!
-//! Complete access has the entries of 0x1C32 and 0x1C33 where ETG.1020 has them, and those of other
-//! objects one behind the other, unless `offset` says otherwise. An object that is written out takes
-//! the place of the one that would be generated.
+//! Complete access has the entries of 0x1C32 and 0x1C33 at the offsets of ETG.1020, and those of
+//! other objects one behind the other, unless `offset` states another place. An object in the file
+//! replaces the one that would be generated.
 //!
-//! Short forms. `pdos = [[0x1A00, 32]]` in `[inputs]` or `[outputs]` defines PDOs of which only the bits matter.
-//! `opmodes = [["DC", "DC SYNC0", 0x0300, 1, 0]]`, before the tables, lists choices as rows of name, description,
-//! AssignActivate and the factors of SYNC0 and SYNC1. An object may be like one that stands before in the file
-//! (`like = "1C32"`) or in a built-in profile (`like = "beckhoff_el2212:1C32"`); then `without = [0x0A]` leaves
-//! sub-indices out, `entries` replaces or adds rows, and `values = { 05 = "1ms" }` sets values alone.
+//! Short forms. `pdos = [[0x1A00, 32]]` in `[inputs]` or `[outputs]` defines PDOs by their number
+//! of bits only. `opmodes = [["DC", "DC SYNC0", 0x0300, 1, 0]]`, before the tables, lists choices
+//! as rows of name, description, AssignActivate and the factors of SYNC0 and SYNC1. An object may
+//! be like an earlier one of the file (`like = "1C32"`) or in a built-in profile (`like =
+//! "beckhoff_el2212:1C32"`); then `without = [0x0A]` leaves sub-indices out, `entries` replaces or
+//! adds rows, and `values = { 05 = "1ms" }` sets values alone.
 //!
-//! Makers' tables do not always have what they should: `[[deviation]]` with `rule`, `places` and `why` names a
-//! rule of `isocat conform` that the device is known to break, and the objects where it does. Nor are they always free of contradictions. Where 0x1C32:01 or 0x1C33:01 presets a type that
-//! sub-index 04 does not announce, `contradiction = "..."` in the object says that it is no slip of ours.
+//! Makers' tables do not always conform: `[[deviation]]` with `rule`, `places` and `why` names a
+//! rule of `isocat conform` that the device is known to break, and the objects concerned. They may
+//! also contain contradictions. If 0x1C32:01 or 0x1C33:01 presets a type that sub-index 04 does not
+//! announce, `contradiction = "..."` in the object states that the maker has published it so.
 //!
-//! A simple device has no `[mailbox]`. Then it has no objects at all, its areas have exactly the `length` of
-//! the PDOs in `default`, and `modes = ["sm"]` says what it works by, since 0x1C32:04 can't.
+//! A simple device has no `[mailbox]`. Then it has no objects at all, its areas have exactly the
+//! `length` of the PDOs in `default`, and `modes = ["sm"]` states its modes, since it has no
+//! 0x1C32:04.
 //!
-//! What the maker does not publish is filled in, but never silently: each such value is listed in
+//! Values that the maker does not publish are filled in, but never silently: each is listed in
 //! [`Profile::assumptions`] with its reason, and reports print it.
 
 use std::collections::HashMap;
@@ -112,19 +117,19 @@ pub(crate) use keys::{MODES, PULSE};
 pub use ports::port_letters;
 pub use write::ProfileText;
 
-/// A device, ready to be simulated and to be compared with what is found on a wire.
+/// A device, ready to be simulated and to be compared with a device on a wire.
 ///
-/// Profiles are shared: ten thousand devices of one kind have one. Their objects are static data, so that the stack runs without
-/// allocation on a microcontroller: those of each profile text, or device of a description, are made once and stay for as long
-/// as the program runs. What a segment file says differently of a device ([`Overrides`]) is in the profile by value, and goes
-/// with it.
+/// Profiles are shared: ten thousand devices of one kind have one profile. Their objects are static
+/// data, so that the stack runs without allocation on a microcontroller: those of each profile
+/// text, or of each device of a description, are made once and live as long as the program. The
+/// changes of a segment file ([`Overrides`]) are stored in the profile by value.
 #[derive(Clone, Debug)]
 pub struct Profile {
     /// Name in segment files: the file's `id`.
     pub id: String,
     /// Product name, object 0x1008.
     pub name: String,
-    /// Maker.
+    /// Vendor name.
     pub vendor: String,
     /// Object 0x1018.
     pub identity: Identity,
@@ -132,62 +137,62 @@ pub struct Profile {
     pub description: Description,
     /// EEPROM image, as long as the EEPROM; unused bytes are 0xFF.
     pub sii: Arc<[u8]>,
-    /// Which ESC it has: a name that `[esc] chip` takes; the ports and the memory of an imported device are its own.
+    /// Name of its ESC, as in `[esc] chip`; an imported device has its own ports and memory.
     pub chip: &'static str,
-    /// What its CPU really needs.
+    /// The real times of its CPU.
     pub times: CpuTimes,
-    /// What it does with its process data.
+    /// Its use of process data.
     pub application: ApplicationKind,
-    /// PDOs to be assigned: written where 0x1C12 and 0x1C13 are writable, expected where they are not.
+    /// PDOs to be assigned: written if 0x1C12 and 0x1C13 are writable, otherwise expected.
     pub assignment: Assignment,
-    /// Within what its oscillator is off, either way, where the maker states it; `None`:
+    /// Largest deviation of its oscillator in either direction, if the maker states it; `None`:
     /// [`CLOCK_TOLERANCE`].
     pub clock_tolerance: Option<Ppb>,
     /// Synchronization choices as the ESI lists them; the first is the default.
     pub op_modes: Vec<OpMode>,
-    /// Downloads at start that the description asks for.
+    /// Downloads at start that the description requests.
     pub startup: Vec<Startup>,
-    /// Parameters of its drives that the description wants written at start.
+    /// Parameters of its drives that the description writes at start.
     pub parameters: Vec<StartupParameter>,
-    /// What was not taken over from a description as it stands there: plans and start-up lists tell it.
+    /// Parts of a description that were not used unchanged; plans and start-up lists report them.
     pub doubts: Vec<Doubt>,
-    /// The letters of its ports as a description has them ([`DeviceStartUp::physics`]).
+    /// The letters of its ports in a description ([`DeviceStartUp::physics`]).
     ///
     /// [`DeviceStartUp::physics`]: isocat_descriptions::start_up::DeviceStartUp::physics
     pub physics: Option<String>,
     /// Values that are not published.
     pub assumptions: Vec<Assumption>,
-    /// Where its maker's tables break a rule of `isocat conform`.
+    /// Places where its maker's tables break a rule of `isocat conform`.
     pub deviations: Vec<Deviation>,
-    /// It states its times only when it has measured them: what its CPU needs is not to be known
-    /// beforehand.
+    /// Whether it states its times only after it has measured them, so that the needs of its CPU
+    /// are not known beforehand.
     pub dynamic_times: bool,
-    /// What it was made from.
+    /// The source of the profile.
     pub origin: Origin,
-    /// The file gives the time itself, so it does not follow 0x1C32:06.
+    /// Whether the file states the time itself, so that it does not follow 0x1C32:06.
     calc_and_copy_given: bool,
     esc: Chip,
 }
 
-/// What a profile was made from.
+/// The source of a profile.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Origin {
     /// A profile file.
     Profile,
-    /// A maker's description (ESI).
+    /// An ESI file.
     Description,
 }
 
 /// A rule of `isocat conform` that a device is known to break.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Deviation {
-    /// The rule. `isocat-conform` knows the rules, and refuses a name that is none.
+    /// The rule. `isocat-conform` knows the rules, and refuses an unknown name.
     pub rule: String,
-    /// Where the file names it.
+    /// Place of the name in the file.
     pub at: FilePlace,
-    /// Where: objects and entries, such as "0x1C32:05". What is wrong elsewhere is not known.
+    /// Objects and entries concerned, such as "0x1C32:05". Violations elsewhere are not excused.
     pub places: Vec<String>,
-    /// What its maker publishes instead.
+    /// The values that its maker publishes instead.
     pub why: String,
 }
 
@@ -204,42 +209,43 @@ pub struct Identity {
     pub serial: u32,
 }
 
-/// How long the device's CPU takes for the steps of a cycle. What it *states* is in the dictionary; a
+/// Times of the device's CPU for the steps of a cycle. The *stated* times are in the dictionary; a
 /// device may need more than it states, and that is a fault worth simulating.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CpuTimes {
-    /// From a request to the main loop's answer: state changes and mailbox.
+    /// Time from a request to the main loop's answer: state changes and mailbox.
     pub reaction: Nanos,
-    /// From the SM2 event to mapped outputs: interrupt latency and the longest copying and calculating
-    /// together. The figure that 0x1C32:06 should state; equal to it unless said otherwise.
+    /// Time from the SM2 event to mapped outputs: interrupt latency and the longest copying and
+    /// calculating together. 0x1C32:06 should state this figure; by default it does.
     pub calc_and_copy: Nanos,
     /// The application's own work in a cycle.
     pub application: Nanos,
-    /// From Input Latch until the inputs stand in the SM3 buffer. The figure that 0x1C33:06 should
-    /// state; equal to it unless said otherwise.
+    /// Time from Input Latch until the inputs are in the SM3 buffer. 0x1C33:06 should state this
+    /// figure; by default it does.
     pub input_copy: Nanos,
-    /// Peak-to-peak spread of the steps that follow a SYNC0 event. The copy time of the outputs is the
-    /// longest one: nothing is added to it.
+    /// Peak-to-peak spread of the steps that follow a SYNC0 event. The copy time of the outputs is
+    /// already the longest one, so nothing is added to it.
     pub jitter: Nanos,
-    /// From a SYNC pulse until its program acknowledges it (0x098E, 0x098F). It counts in acknowledge mode only, where
-    /// [`Profile::pulse`] is zero.
+    /// Time from a SYNC pulse until its program acknowledges it (0x098E, 0x098F). It is used only
+    /// in acknowledge mode, where [`Profile::pulse`] is zero.
     pub acknowledge: Nanos,
-    /// How uneven they are: `latency`, `variation` in percent, `overrun = { one_in, by }`, `timer_jitter`.
+    /// Variation of these times: `latency`, `variation` in percent, `overrun = { one_in, by }`,
+    /// `timer_jitter`.
     pub unevenness: Unevenness,
 }
 
-/// What a device does with its process data.
+/// A device's use of its process data.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum ApplicationKind {
     /// A CiA 402 drive that follows target positions.
     Drive,
-    /// The same drive in process data of another layout.
+    /// The same drive with another layout of process data.
     DriveAt(DriveLayout),
-    /// Inputs show the outputs.
+    /// Its inputs show its outputs.
     Io,
 }
 
-/// Where a drive's process data lie: the first byte of each in its direction.
+/// Layout of a drive's process data: the first byte of each object in its direction.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct DriveLayout {
     /// 0x6040, 16 bits.
@@ -278,7 +284,7 @@ pub struct OpMode {
     pub sync0_factor: i16,
     /// SYNC1 cycle as a multiple of the SYNC0 cycle; 0 for none.
     pub sync1_factor: i16,
-    /// SYNC0 cycle as a time, 0 to 2^32 - 1 ns; 0: the factor counts.
+    /// SYNC0 cycle as a time, 0 to 2^32 - 1 ns; 0: the factor is used.
     pub sync0_cycle: Nanos,
     /// Shift of SYNC0 against the cycle, an i32 of ns.
     pub sync0_shift: Nanos,
@@ -289,39 +295,41 @@ pub struct OpMode {
 /// A download in PREOP, before the synchronization is set.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Startup {
-    /// When the description wants it done: [`Transition::IP`] once PREOP is reached, [`Transition::PS`] before SAFEOP is
-    /// asked for.
+    /// Transition of the download: [`Transition::IP`] once PREOP is reached, [`Transition::PS`]
+    /// before SAFEOP is requested.
     pub transition: Transition,
     /// The entry.
     pub object: ObjectAddress,
-    /// Bytes in the order of the wire.
+    /// Bytes in wire order.
     pub data: Vec<u8>,
-    /// The whole object is written.
+    /// Whether the whole object is written by complete access.
     pub complete_access: bool,
 }
 
 /// A parameter of a drive that SoE writes in PREOP.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct StartupParameter {
-    /// When the description wants it done, as in [`Startup`].
+    /// Transition of the write, as in [`Startup`].
     pub transition: Transition,
-    /// Which drive of the device, 0 to 7.
+    /// Number of the drive in the device, 0 to 7.
     pub drive: u8,
     /// The parameter.
     pub idn: Idn,
-    /// The description's bytes in the order of the wire.
+    /// The description's bytes in wire order.
     pub data: Vec<u8>,
-    /// What it is, in the description's words.
+    /// The description's comment.
     pub comment: String,
 }
 
 impl StartupParameter {
-    /// Whether it is a cycle time, which a configuration tool replaces: S-0-0001 or S-0-0002, in us.
+    /// Whether it is a cycle time, which a configuration tool replaces: S-0-0001 or S-0-0002, in
+    /// us.
     pub fn is_cycle(&self) -> bool {
         matches!(self.idn, Idn::CONTROL_CYCLE | Idn::COMMUNICATION_CYCLE) && self.data.len() == 2
     }
 
-    /// What is written at a bus cycle: the description's bytes, but for a cycle time that is a whole number of us.
+    /// The bytes to write at a bus cycle: those of the description, except for a cycle time in
+    /// whole us.
     pub fn at_cycle(&self, cycle: Nanos) -> Vec<u8> {
         let micros = (cycle.0 % 1_000 == 0).then_some(cycle.0 / 1_000);
         match micros.and_then(|micros| u16::try_from(micros).ok()).filter(|_| self.is_cycle()) {
@@ -337,18 +345,18 @@ pub struct Assumption {
     /// An object (`0x1C32:06`, `0x1C32:0A-0D`, `0x1C33:03 access`) or a key of the file
     /// (`identity.product_code`).
     pub item: String,
-    /// The value taken, as the file writes it.
+    /// The assumed value, as written in the file.
     pub value: String,
-    /// Why this value.
+    /// The reason for this value.
     pub why: String,
 }
 
-/// What a segment file may say differently for one of its devices.
+/// Changes that a segment file may make to one of its devices.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Overrides {
-    /// What the device states in 0x1C32:06.
+    /// The stated value of 0x1C32:06.
     pub stated_calc_and_copy: Option<Nanos>,
-    /// What the device states in 0x1C32:09.
+    /// The stated value of 0x1C32:09.
     pub stated_delay: Option<Nanos>,
     /// [`CpuTimes::calc_and_copy`].
     pub calc_and_copy: Option<Nanos>,
@@ -360,7 +368,7 @@ pub struct Overrides {
     pub acknowledge: Option<Nanos>,
     /// [`Chip::eeprom_burn_time`].
     pub eeprom_burn_time: Option<Nanos>,
-    /// What the device does wrong.
+    /// Misbehaviours of the device.
     pub misbehaviour: Misbehaviours,
 }
 
@@ -377,7 +385,7 @@ impl Profile {
     pub fn from_toml(path: &str, text: &str) -> Result<Arc<Profile>, FileError> {
         static INTERNED: LazyLock<Mutex<HashMap<String, Arc<Profile>>>> =
             LazyLock::new(Mutex::default);
-        // A panic in another thread can't leave the map half changed.
+        // A panic in another thread cannot leave the map half changed.
         let known = INTERNED.lock().unwrap_or_else(PoisonError::into_inner).get(text).cloned();
         if let Some(profile) = known {
             return Ok(profile);
@@ -394,8 +402,8 @@ impl Profile {
         Ok(interned.entry(text.to_owned()).or_insert_with(|| Arc::new(profile)).clone())
     }
 
-    /// This device with other times. Fails with the entry that it would have to state but does not
-    /// have. Without any it is the same profile.
+    /// This device with other times. The error is the entry that would state one of them but does
+    /// not exist. Without overrides the result is the same profile.
     pub fn with(self: &Arc<Self>, overrides: Overrides) -> Result<Arc<Profile>, ObjectAddress> {
         if overrides == Overrides::default() {
             return Ok(self.clone());
@@ -437,8 +445,8 @@ impl Profile {
         Ok(Arc::new(profile))
     }
 
-    /// This device with these bytes in its EEPROM, which may have any length; half a word at the end is filled up with 0xFF.
-    /// What the EEPROM says of the device's identity is not looked at.
+    /// This device with these bytes in its EEPROM. Any length is allowed; half a word at the end is
+    /// filled up with 0xFF. The device's identity in the EEPROM is not checked.
     pub fn with_sii(self: &Arc<Self>, image: &[u8]) -> Arc<Profile> {
         let mut sii = image.to_vec();
         sii.resize(sii.len().next_multiple_of(2), 0xFF);
@@ -453,8 +461,9 @@ impl Profile {
         }
     }
 
-    /// How long its SYNC pulses are, 0 to 655.35 us: word 2 of the EEPROM, and register 0x0982. Zero is acknowledge mode:
-    /// the signal stays active until the device's program has read 0x098E or 0x098F.
+    /// Length of its SYNC pulses, 0 to 655.35 us: word 2 of the EEPROM, and register 0x0982. Zero
+    /// is acknowledge mode: the signal stays active until the device's program has read 0x098E or
+    /// 0x098F.
     pub fn pulse(&self) -> Nanos {
         sii::pulse(&self.sii)
     }
@@ -469,13 +478,13 @@ impl Profile {
         &self.esc
     }
 
-    /// Whether its port 0, the one that leads upstream, is EBUS, as that of a terminal.
+    /// Whether its port 0, which leads upstream, is EBUS, as in a terminal.
     pub fn is_on_ebus(&self) -> bool {
         self.esc.port(PortNumber::P0) == PortKind::Ebus
     }
 
-    /// The default value of an entry as an unsigned number; `None` if the device does not have it or
-    /// it is longer than 64 bits.
+    /// The default value of an entry as an unsigned number; `None` if the entry does not exist or
+    /// is longer than 64 bits.
     pub fn value(&self, entry: ObjectAddress) -> Option<u64> {
         let object = self.description.objects.iter().find(|object| object.index == entry.index)?;
         let entry = object.entries.iter().find(|candidate| candidate.sub == entry.sub)?;
@@ -488,7 +497,7 @@ impl Profile {
         Some(u64::from_le_bytes(bytes))
     }
 
-    /// What the device states in 0x1C32 or 0x1C33 at power-on; `None` if it does not have the object.
+    /// The values of 0x1C32 or 0x1C33 at power-on; `None` if the device does not have the object.
     pub fn sync_parameters(&self, index: u16) -> Option<SyncParameters> {
         let object = self.description.objects.iter().find(|object| object.index == index)?;
         let mut parameters = SyncParameters::default();
@@ -502,8 +511,8 @@ impl Profile {
         Some(parameters)
     }
 
-    /// What 0x1C32:04 announces, or 0x1C33:04 for a device without outputs; Free Run for a device
-    /// that has neither. What the file says for a device without mailbox.
+    /// The announcement of 0x1C32:04, or of 0x1C33:04 for a device without outputs; Free Run for a
+    /// device that has neither. For a device without mailbox it comes from the file.
     pub fn supported_types(&self) -> SupportedTypes {
         [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER]
             .into_iter()
@@ -514,15 +523,15 @@ impl Profile {
             })
     }
 
-    /// Whether the device says by what it can be synchronized.
+    /// Whether the device states its synchronization modes.
     pub(crate) fn states_modes(&self) -> bool {
         let of = |index| self.sync_parameters(index).and_then(|object| object.supported);
         let stated = [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER].into_iter().filter_map(of);
         !self.has_mailbox() || stated.into_iter().next().is_some()
     }
 
-    /// Whether the device can be asked for objects. Without a mailbox this profile is all that can be
-    /// known about it, beside its SII.
+    /// Whether the device has a mailbox to read objects. Otherwise this profile and its SII are all
+    /// that can be known about it.
     pub fn has_mailbox(&self) -> bool {
         self.description.mailbox.is_some()
     }
@@ -533,7 +542,7 @@ impl Profile {
         SyncMode::ALL.into_iter().filter(move |mode| mode.is_supported(types))
     }
 
-    /// The mode in which it runs where nobody asks for another.
+    /// The mode in which it runs by default.
     pub(crate) fn preferred_mode(&self) -> Option<SyncMode> {
         let types = self.supported_types();
         SyncMode::PREFERRED.into_iter().find(|mode| mode.is_supported(types))
@@ -561,17 +570,17 @@ impl Words for BuiltInIds {
     }
 }
 
-/// The text of a built-in profile, as a start for one's own.
+/// The text of a built-in profile, as a start for a new one.
 pub fn built_in_text(id: &str) -> Option<&'static str> {
     BUILT_IN.iter().find(|(name, _)| *name == id).map(|(_, text)| *text)
 }
 
-/// How far the oscillator of a SubDevice is off, either way, where neither its maker nor the
-/// segment file says so: terminals and drives commonly have crystals of +-25 ppm. The standard
+/// Largest deviation of a SubDevice's oscillator in either direction, if neither its maker nor the
+/// segment file states it. Terminals and drives commonly have crystals of +-25 ppm. The standard
 /// allows 100 ppm.
 pub const CLOCK_TOLERANCE: Ppb = Ppb::ppm(25);
 
-/// Those that people know first, then by name; devices of our own last.
+/// The best known ones first, then by name; our own devices last.
 const BUILT_IN: [(&str, &str); 35] = [
     ("kollmorgen_akd2g", include_str!("../profiles/kollmorgen_akd2g.toml")),
     ("beckhoff_el2502-0010", include_str!("../profiles/beckhoff_el2502-0010.toml")),

@@ -1,5 +1,5 @@
-//! From a segment file to a run: devices with ESC, stack and application, a host, and the intent that
-//! the MainDevice is given.
+//! From a segment file to a run: devices with ESC, stack and application, a host, and the
+//! configuration of the MainDevice.
 
 use std::sync::Arc;
 
@@ -31,57 +31,59 @@ mod laid_out;
 
 use laid_out::LaidOutDrive;
 
-/// A run, described: what [`Scenario::run`] makes a simulation of.
+/// The description of a run, from which [`Scenario::run`] makes a simulation.
 #[derive(Clone, Debug)]
 pub struct Scenario {
-    /// Where the segment was described.
+    /// File with the description of the segment.
     pub source: String,
     /// Seed of all randomness.
     pub seed: u64,
     /// Bus cycle.
     pub cycle: Nanos,
-    /// How long the run is judged.
+    /// Duration of the judged time.
     pub duration: Nanos,
-    /// Largest SYNC0 error with which a SubDevice counts as synchronized. Default 1 us: what the field
-    /// calls synchronous; a healthy segment is far below.
+    /// Largest SYNC0 error with which a SubDevice counts as synchronized. Default 1 us, the limit
+    /// that the field calls synchronous; a healthy segment is far below it.
     pub sync0_limit: Nanos,
     /// Largest spread of the time from the acting pulse to Outputs Valid with which a SubDevice
-    /// counts as synchronized. Default 1 us: what ETG.1020 allows between 0x1C32:07 and :09.
+    /// counts as synchronized. Default 1 us, the distance that ETG.1020 allows between 0x1C32:07
+    /// and :09.
     pub outputs_spread: Nanos,
-    /// Wanted phase of SYNC0; `None`: the plan chooses.
+    /// Requested phase of SYNC0; `None`: the plan chooses.
     pub shift: Option<Nanos>,
-    /// The MainDevice's machine.
+    /// The machine of the MainDevice.
     pub host: HostModel,
-    /// Whether the clocks are kept together.
+    /// Whether drift compensation synchronizes the clocks.
     pub drift_compensation: bool,
     /// Filter depths of the drift loops.
     pub drift_filters: DriftFilters,
     /// The law of all drift loops; `None`: each chip's own.
     pub drift_law: Option<DriftLaw>,
-    /// How much two clocks may differ, for the plan; `None`: as the MainDevice has it.
+    /// Largest difference of two clocks in the plan; `None`: the MainDevice's default.
     pub clock_error: Option<Nanos>,
-    /// Watchdog of the process data; `None`: as the chips have it.
+    /// Watchdog of the process data; `None`: the chips' default.
     pub watchdog: Option<Nanos>,
-    /// Whether the delay of a hop varies from frame to frame: on the simulated wire, and in what
-    /// the MainDevice allows for.
+    /// Whether the delay of a hop varies from frame to frame: on the simulated wire, and in the
+    /// MainDevice's plan.
     pub hop_jitter: bool,
-    /// What the MainDevice does beside the exchange while the segment runs.
+    /// Activities of the MainDevice besides the exchange while the segment runs.
     pub operation: Operation,
-    /// What makes a ring of the segment; `None`: it hangs on one port.
+    /// The cable that closes a ring; `None`: the segment hangs on one port.
     pub ring: Option<Ring>,
-    /// What goes wrong while it runs.
+    /// Faults during the run.
     pub faults: Faults,
-    /// What the MainDevice's application writes on a timeline.
+    /// Values that the MainDevice's application writes at given times.
     pub outputs: Vec<Output>,
     /// The machines behind devices.
     pub plants: Vec<PlantSetup>,
-    /// What is expected of it.
+    /// Expectations of the run.
     pub expectations: Vec<Expectation>,
-    /// Run although the plan says that it does not fit.
+    /// Whether to run although the plan does not fit.
     pub force: bool,
-    /// Whether any SubDevice may fail on the way up, and is left out then.
+    /// Whether any SubDevice may fail on the way up, and is then left out.
     pub tolerate: bool,
-    /// Whether the simulation takes the short way through what is regular in a cycle. Results do not depend on it.
+    /// Whether the simulation takes a shortcut through the regular parts of a cycle. Results do not
+    /// depend on it.
     pub lane: bool,
     /// The devices, in the order of the line.
     pub devices: Vec<SubDevice>,
@@ -124,7 +126,7 @@ impl From<SegmentFile> for Scenario {
 }
 
 impl Scenario {
-    /// The simulation of it.
+    /// The simulation of the scenario.
     pub fn run(&self) -> Run {
         let segment = self.devices.iter().enumerate().map(|(i, d)| self.connection(i, d)).collect();
         let setup = Setup::new(self.seed, self.config(), self.host, segment);
@@ -141,7 +143,7 @@ impl Scenario {
         }
     }
 
-    /// What the MainDevice is asked for.
+    /// The configuration of the MainDevice.
     pub fn config(&self) -> Config {
         let mut config = Config::new(self.cycle);
         config.host_jitter = self.host.jitter;
@@ -170,13 +172,14 @@ impl Scenario {
         config
     }
 
-    /// How the MainDevice runs the ring: it knows how much longer the one cable is than the other, as it knows the delays.
+    /// The MainDevice's settings for the ring: it knows the difference in length of the two cables,
+    /// as it knows the delays.
     fn ring_config(&self, ring: Ring) -> isocat_maindevice::Ring {
         let [first, last] = offline::ends(&self.devices, ring);
         isocat_maindevice::Ring { longer: Nanos((last - first).0 / 1_000), ..Default::default() }
     }
 
-    /// The devices that come in the place of others. They are new: their counters begin at 0.
+    /// The replacement devices. They are new, so their counters begin at 0.
     fn spares(&self) -> Vec<DeviceSetup> {
         let spares = self.faults.spares.iter().enumerate();
         let spare = |(number, profile): (usize, &Arc<Profile>)| {
@@ -194,7 +197,7 @@ impl Scenario {
 
     fn connection(&self, position: usize, device: &SubDevice) -> Connection {
         let profile = &device.profile;
-        // Counters start anywhere, as devices that were switched on at different times have them.
+        // Counters start at random values, as in devices that were switched on at different times.
         let local_time = Stream::new(self.seed, "power-on", position as u64).up_to(MOST_LOCAL_TIME);
         Connection {
             parent: device.place.upstream,
@@ -216,7 +219,7 @@ impl Scenario {
     }
 }
 
-/// A device of a profile, with a perfect clock that begins at 0.
+/// The device of a profile, with a perfect clock that begins at 0.
 pub fn device(profile: &Profile) -> DeviceSetup {
     DeviceSetup {
         chip: *profile.esc(),
@@ -229,7 +232,7 @@ pub fn device(profile: &Profile) -> DeviceSetup {
     }
 }
 
-/// The cable that closes the ring; a signal takes as long on it as is usual.
+/// The cable that closes the ring, with the usual signal delay.
 fn closing(ring: Ring) -> Closing {
     let cable = Cable::of_length(ring.cable.0 as u64);
     Closing { device: ring.device, port: ring.port, cable }
@@ -241,19 +244,19 @@ const MOST_LOCAL_TIME: u64 = 10_000_000_000_000_000;
 fn device_config(device: &SubDevice, cycle: Nanos) -> DeviceConfig {
     let profile = &device.profile;
     let list = |pdos: &[u16]| (!pdos.is_empty()).then(|| pdos.to_vec());
-    // A device without mailbox states nothing over the wire: the user's file speaks for it.
+    // A device without mailbox states nothing over the wire, so the user's file is used.
     let silent = (!profile.has_mailbox()).then_some(profile);
-    // How punctual its CPU is, no device can tell.
+    // No device can state the punctuality of its CPU.
     let jitter = profile.times.jitter + profile.times.unevenness.timer_jitter;
-    // What it states as 0, and needs all the same.
+    // Times that it states as 0 but needs.
     let times = &profile.times;
     let copy_inputs = times.input_copy.max(times.application);
     let assumed = AssumedTimes {
-        // One step behind the other, as its CPU takes them.
+        // Its CPU takes the steps one after the other.
         minimum_cycle: Some(times.calc_and_copy + times.application + times.input_copy + jitter),
         pulse_jitter: Some(jitter),
         outputs_calc_and_copy: Some(times.calc_and_copy),
-        // Outputs that nothing delays act behind the application.
+        // Outputs without a delay act after the application.
         outputs_delay: Some(times.application),
         outputs_spread: Some(outputs_spread(profile)),
         sync_signal: sync_signal(profile),
@@ -265,7 +268,7 @@ fn device_config(device: &SubDevice, cycle: Nanos) -> DeviceConfig {
         inputs_calc_and_copy: Some(profile.times.application + profile.times.input_copy),
         ..assumed
     });
-    // A device that measures its times says nothing before.
+    // A device that measures its times states nothing before.
     let assumed = match profile.dynamic_times {
         true => AssumedTimes {
             minimum_cycle: None,
@@ -302,7 +305,7 @@ fn device_config(device: &SubDevice, cycle: Nanos) -> DeviceConfig {
     }
 }
 
-/// How its SYNC signals fall again: by its EEPROM, or as soon as its program acknowledges them.
+/// What ends its SYNC pulses: the length in its EEPROM, or its program's acknowledgement.
 fn sync_signal(profile: &Profile) -> SyncSignal {
     match profile.pulse() {
         Nanos::ZERO => SyncSignal::Acknowledged(profile.times.acknowledge),
@@ -310,8 +313,8 @@ fn sync_signal(profile: &Profile) -> SyncSignal {
     }
 }
 
-/// How unevenly outputs that nothing delays follow their pulse: they act behind the application,
-/// which may be faster than its stated time. Outputs that SYNC0 fetches get a fixed time for it.
+/// Spread of outputs without a delay after their pulse. They act after the application, which may
+/// be faster than its stated time. Outputs that SYNC0 fetches get a fixed time for it.
 fn outputs_spread(profile: &Profile) -> Nanos {
     let times = &profile.times;
     let variation = i64::from(times.unevenness.variation);
@@ -323,7 +326,7 @@ fn outputs_spread(profile: &Profile) -> Nanos {
     }
 }
 
-/// Between what the file lets a clock run.
+/// The range of a clock's deviation according to the file.
 fn clock_range(device: &SubDevice) -> ClockRange {
     let shape = &device.clock_shape;
     let moves = [shape.ramp.map(|ramp| ramp.by_ppb), shape.step.map(|step| step.by_ppb)];
@@ -351,7 +354,8 @@ fn parameter(wanted: &profile::StartupParameter, cycle: Nanos) -> StartupParamet
     StartupParameter { drive: wanted.drive, idn: wanted.idn, data: wanted.at_cycle(cycle) }
 }
 
-/// Of a size that holds the process data of the device: a segment may have thousands of small ones.
+/// An application that is just large enough for the process data of the device: a segment may have
+/// thousands of small ones.
 fn io(profile: &Profile) -> Box<dyn Application + Send> {
     let bytes = |areas: &mut dyn Iterator<Item = ProcessDataArea>| -> usize {
         areas.map(|area| usize::from(area.max_length)).sum()

@@ -1,4 +1,4 @@
-//! Segment files: which devices stand on the wire, how they are synchronized, for how long.
+//! Segment files: the devices on the wire, their synchronization, and the duration.
 //!
 //! ```toml
 //! cycle = "1ms"
@@ -15,7 +15,7 @@
 //! clock_ramp = { by = "+5ppm", from = "2s", over = "60s" }
 //! ```
 //!
-//! Any device of a maker's description (ESI) can stand in a segment:
+//! Any device of an ESI file can be part of a segment:
 //!
 //! ```toml
 //! [[subdevice]]
@@ -26,7 +26,7 @@
 //! opmode = "DC"                 # by name, or by number from 0; default: the first, for drives the first with SYNC0
 //! ```
 //!
-//! What is plugged together must fit: MII (copper) to MII, EBUS to EBUS, with a coupler between
+//! Connected ports must be of one kind: MII (copper) to MII, EBUS to EBUS, with a coupler between
 //! both:
 //!
 //! ```toml
@@ -37,12 +37,12 @@
 //! device = "beckhoff_el2502-0010"  # EBUS on both sides: it has no cable
 //! ```
 //!
-//! A device without `clock` has one drawn by the seed: see [`Clock`].
+//! A device without `clock` gets a deviation that the seed draws: see [`Clock`].
 //!
 //! With `count = 50` a table stands for fifty equal devices in a line. Every key is declared in
 //! [`FILE`].
 //!
-//! Every mistake is a [`FileError`] with file, line and column, what was expected and the nearest
+//! Every mistake is a [`FileError`] with file, line and column, the expected value and the nearest
 //! known name.
 
 use std::collections::HashMap;
@@ -96,62 +96,62 @@ pub use tree::Place;
 
 use keys::MOST_DEVICES;
 
-/// A segment, checked: every device exists, every number is in range. Ranges and defaults stand
-/// with the keys in [`FILE`].
+/// A checked segment: every device exists, and every number is in range. Ranges and defaults are
+/// declared with the keys in [`FILE`].
 #[derive(Clone, Debug)]
 pub struct SegmentFile {
-    /// The file, as errors name it.
+    /// The name of the file in errors.
     pub path: String,
     /// Bus cycle. Key `cycle`.
     pub cycle: Nanos,
-    /// How long to run once the segment is in operation. Key `for`.
+    /// Time to run once the segment is in operation. Key `for`.
     pub duration: Nanos,
-    /// Seed of everything random in the simulation. Key `seed`.
+    /// Seed of all randomness in the simulation. Key `seed`.
     pub seed: u64,
     /// The law of all drift loops. Keys `drift_law` and `drift_phase`; `None`: each chip's own.
     pub drift_law: Option<DriftLaw>,
     /// Largest SYNC0 error that counts as synchronized. Key `sync0_limit`.
     pub sync0_limit: Nanos,
-    /// Largest spread of outputs behind their pulse that counts as synchronized. Key
+    /// Largest spread of outputs after their pulse that counts as synchronized. Key
     /// `outputs_spread`.
     pub outputs_spread: Nanos,
-    /// Wanted position of SYNC0 after the start of the cycle. Key `shift`; `None`: the plan
+    /// Requested phase of SYNC0 after the start of the cycle. Key `shift`; `None`: the plan
     /// chooses.
     pub shift: Option<Nanos>,
-    /// Watchdog of the process data, register 0x0420. Key `watchdog`; `None`: as the chips have it,
+    /// Watchdog of the process data, register 0x0420. Key `watchdog`; `None`: the chips' default,
     /// 100 ms.
     pub watchdog: Option<Nanos>,
     /// Whether the delay of a hop varies from frame to frame. Key `hop_jitter`.
     pub hop_jitter: bool,
-    /// What the MainDevice does beside the exchange while the segment runs.
+    /// Activities of the MainDevice besides the exchange while the segment runs.
     pub operation: Operation,
-    /// What makes a ring of the segment. Key `ring`; `None`: nothing, it hangs on one port.
+    /// The cable that closes a ring. Key `ring`; `None`: the segment hangs on one port.
     pub ring: Option<Ring>,
-    /// What goes wrong. Tables `[[fault]]`.
+    /// Faults. Tables `[[fault]]`.
     pub faults: Faults,
-    /// What the MainDevice's application writes on a timeline. Tables `[[output]]`.
+    /// Values that the MainDevice's application writes at given times. Tables `[[output]]`.
     pub outputs: Vec<Output>,
     /// The machines behind devices. Tables `[[plant]]`.
     pub plants: Vec<PlantSetup>,
-    /// What is expected of a run. Tables `[[expect]]`.
+    /// Expectations of a run. Tables `[[expect]]`.
     pub expectations: Vec<Expectation>,
-    /// The MainDevice's machine.
+    /// The machine of the MainDevice.
     pub host: Host,
-    /// The devices in the order of their positions: the one in which frames are processed.
+    /// The devices in the order of their positions, which is that of frame processing.
     pub subdevices: Vec<SubDevice>,
 }
 
-/// `[host]`: the machine that the MainDevice runs on.
+/// `[host]`: the machine of the MainDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Host {
-    /// What the first device is plugged into. Key `port`.
+    /// The port for the first device. Key `port`.
     pub port: PortKind,
-    /// How fast its clock runs. Key `clock`.
+    /// Frequency deviation of its clock. Key `clock`.
     pub clock: Ppb,
     /// Peak-to-peak lateness of its wake-ups. Key `jitter`.
     pub jitter: Nanos,
-    /// Whether the clocks are kept together by drift compensation. Key `drift_compensation`.
-    /// Without it a simulation shows how clocks run apart.
+    /// Whether drift compensation synchronizes the clocks. Key `drift_compensation`. Without it a
+    /// simulation shows how clocks drift apart.
     pub drift_compensation: bool,
     /// Filter depths of the drift loops. Keys `difference_filter` and `speed_filter`.
     pub drift_filters: DriftFilters,
@@ -160,57 +160,59 @@ pub struct Host {
 /// `[[subdevice]]`: one device.
 #[derive(Clone, Debug)]
 pub struct SubDevice {
-    /// What reports call it. Key `name`; default: the device's id and its place in the file from 0.
-    /// With `count = N`, N equal devices stand one behind the other in the place of one; the name
-    /// of each then ends in its number among them, from 0.
+    /// Its name in reports. Key `name`; default: the device's id and its place in the file from 0.
+    /// `count = N` stands for N equal devices in a line; the name of each then ends in its number
+    /// among them, from 0.
     pub name: String,
-    /// The device, with what the file says differently already in it. Keys `device`, or `esi`,
-    /// `type`, `product`, `revision` and `opmode`; `calc_copy` (what it states in 0x1C32:06), `copy_time`
-    /// (what its CPU really needs), `delay` (what it states in 0x1C32:09), `jitter` (of its CPU), `pulse` and
-    /// `acknowledge` (how its SYNC signals fall again), `eeprom_burn` (how long its EEPROM burns), `misbehave` (what it
-    /// does wrong, by name).
+    /// The device, including the changes of the file. Keys `device`, or `esi`, `type`, `product`,
+    /// `revision` and `opmode`; `calc_copy` (stated in 0x1C32:06), `copy_time` (really needed by
+    /// its CPU), `delay` (stated in 0x1C32:09), `jitter` (of its CPU), `pulse` and `acknowledge`
+    /// (end of its SYNC pulses), `eeprom_burn` (write time of its EEPROM), `misbehave`
+    /// (misbehaviours by name).
     pub profile: Arc<Profile>,
-    /// How to synchronize it. Key `mode`; `None` for the best that the device and the cycle allow.
+    /// Its mode. Key `mode`; `None` for the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
-    /// Where it hangs. Keys `connect` and `port`.
+    /// Its place in the tree. Keys `connect` and `port`.
     pub place: Place,
     /// Cable that leads to it. Key `cable`.
     pub cable: Length,
-    /// How long signals take on that cable. Key `cable_delay`.
+    /// Signal delay of that cable. Key `cable_delay`.
     pub cable_delay: DelayPerMetre,
-    /// How much longer the way out takes on that cable than the way back; the mean stays. Key
+    /// Difference of the delays out and back on that cable; their mean stays. Key
     /// `cable_asymmetry`.
     pub cable_asymmetry: Nanos,
-    /// How fast its clock runs. Key `clock`, and `clocks` of the file.
+    /// Constant frequency deviation of its clock. Key `clock`, and `clocks` of the file.
     pub clock: Clock,
-    /// How that changes while the segment runs. Keys `clock_ramp`, `clock_step`, `clock_walk`. Its
-    /// constant part is [`SubDevice::clock`].
+    /// Changes of that deviation while the segment runs. Keys `clock_ramp`, `clock_step`,
+    /// `clock_walk`. Its constant part is [`SubDevice::clock`].
     pub clock_shape: ClockModel,
-    /// Its own cycle, for a device slower than the bus: SYNC0 comes and process data travel once in
-    /// it. Key `cycle`; `None`: the bus cycle.
+    /// Its own cycle, for a device slower than the bus: SYNC0 and the exchange of process data
+    /// happen once in it. Key `cycle`; `None`: the bus cycle.
     pub cycle: Option<Nanos>,
-    /// Wanted shift of its Outputs Valid, 0x1C32:03. Key `shift`; `None` leaves the device's own.
+    /// Requested shift of its Outputs Valid, 0x1C32:03. Key `shift`; `None` leaves the device's
+    /// own.
     pub shift: Option<Nanos>,
-    /// Wanted shift of its Input Latch, 0x1C33:03. Key `input_shift`; `None` leaves the device's
+    /// Requested shift of its Input Latch, 0x1C33:03. Key `input_shift`; `None` leaves the device's
     /// own.
     pub input_shift: Option<Nanos>,
-    /// From SYNC0 to SYNC1, for the modes "dc-shift-sync1" and "dc-sync1". Key `sync1`; `None`: a
-    /// quarter of the cycle, and for "dc-sync1" what the device needs.
+    /// Time from SYNC0 to SYNC1, for the modes "dc-shift-sync1" and "dc-sync1". Key `sync1`;
+    /// `None`: a quarter of the cycle, and for "dc-sync1" the time that the device needs.
     pub sync1: Option<Nanos>,
-    /// Cycle of SYNC0, for the mode "dc-subordinated". Key `sync0_cycle`; `None`: what the device
-    /// states in 0x1C32:0A.
+    /// Cycle of SYNC0, for the mode "dc-subordinated". Key `sync0_cycle`; `None`: the value of
+    /// 0x1C32:0A.
     pub sync0_cycle: Option<Nanos>,
-    /// What its registers 0x0980 and 0x0981 get, by the OpMode of its `esi` file; `None` without.
+    /// Values for its registers 0x0980 and 0x0981, from the OpMode of its `esi` file; `None`
+    /// without.
     pub unit: Option<AssignActivate>,
-    /// Times that it measured once. Table `measured_times`.
+    /// Times from an earlier measurement by the device. Table `measured_times`.
     pub measured: MeasuredTimes,
-    /// It may be absent, and come while the segment runs (hot connect). Key `optional`.
+    /// Whether it may be absent, and may come while the segment runs (hot connect). Key `optional`.
     pub optional: bool,
-    /// When an optional one gets its power, from the start of the simulation. Key `arrives`.
+    /// Power-on time of an optional device, from the start of the simulation. Key `arrives`.
     pub arrives: Nanos,
-    /// What is doubtful about a device from a maker's description: `name: words`.
+    /// Doubts about a device from an ESI file: `name: words`.
     pub notes: Vec<Doubt>,
-    /// Line of the file at which it begins, for messages.
+    /// First line of its table in the file, for messages.
     pub line: usize,
 }
 
@@ -221,8 +223,8 @@ impl SegmentFile {
         Self::parse_with(path, text, &[])
     }
 
-    /// The same with profiles in hand: the key `device` finds them by their ids, before it looks for built-in ones and
-    /// for files.
+    /// The same with given profiles: the key `device` finds them by their ids, before built-in ones
+    /// and files.
     pub fn parse_with(
         path: &str,
         text: &str,
@@ -291,22 +293,22 @@ impl SegmentFile {
         Self::parse(path, &read(path)?)
     }
 
-    /// The segment that `isocat run` shows without a file.
+    /// The segment of `isocat run` without a file.
     pub fn built_in() -> Self {
         Self::parse("built-in segment", BUILT_IN)
             .unwrap_or_else(|error| panic!("a test reads the built-in segment: {error}"))
     }
 
-    /// Its text, as a start for one's own.
+    /// Its text, as a start for a new file.
     pub const fn built_in_text() -> &'static str {
         BUILT_IN
     }
 }
 
-/// Counts lines as the file goes on, so that all devices together cost one pass over it.
+/// Counts lines incrementally, so that all devices together cost one pass over the file.
 struct Lines<'a> {
     text: &'a str,
-    /// The place up to which lines were counted, and the line there, from 1.
+    /// The offset up to which lines were counted, and the line there, from 1.
     at: usize,
     line: usize,
 }
@@ -333,12 +335,12 @@ struct Devices {
 }
 
 impl Devices {
-    /// None yet, on a MainDevice with this port.
+    /// No devices, on a MainDevice with this port.
     fn on(port: PortKind) -> Self {
         Self { subdevices: Vec::new(), ports: tree::Ports::of(port), names: HashMap::new() }
     }
 
-    /// Adds what a table describes: one device, or `count` equal ones, one behind the other.
+    /// Adds the devices of a table: one, or `count` equal ones in a line.
     fn add(&mut self, keys: &Keys<'_>, device: SubDevice) -> Result<(), FileError> {
         let count: usize = keys.get("count")?;
         let all = self.subdevices.len() + count;
@@ -361,7 +363,7 @@ impl Devices {
                 );
                 return Err(keys.error_at("name", message));
             }
-            // Only the first can hang elsewhere.
+            // Only the first device uses the key.
             let connect = keys.value("connect").filter(|_| number == 0);
             let plug = tree::Plug { name: &name, profile: &device.profile, port };
             let earlier = tree::Earlier { devices: &self.subdevices, names: &self.names };
@@ -377,7 +379,7 @@ impl Devices {
     }
 }
 
-/// EBUS ports meet by contacts: the way between two terminals is part of what their ESCs take.
+/// EBUS ports meet by contacts: the delay between two terminals is part of that of their ESCs.
 fn without_cable(keys: &Keys<'_>, device: &mut SubDevice) -> Result<(), FileError> {
     for key in ["cable", "cable_delay", "cable_asymmetry"] {
         if keys.value(key).is_some() {
@@ -392,7 +394,8 @@ fn without_cable(keys: &Keys<'_>, device: &mut SubDevice) -> Result<(), FileErro
     Ok(())
 }
 
-/// All others are behind the first; and who is behind one that is absent, is absent with it.
+/// Whether a device may be absent. The first one must be present, since all others are behind it;
+/// devices behind an absent one are absent, too.
 fn may_be_absent(
     keys: &Keys<'_>,
     device: &SubDevice,
@@ -414,7 +417,7 @@ fn may_be_absent(
 }
 
 fn host(keys: &Keys<'_>, cycle: Nanos) -> Result<Host, FileError> {
-    // A short cycle would not leave the usual jitter its place.
+    // A short cycle has no time for the usual jitter.
     let usual = Nanos::micros(20).min(Nanos(cycle.0 / 10));
     Ok(Host {
         port: keys.choice("port", &keys::HOST_PORTS)?,

@@ -1,9 +1,8 @@
-//! Every key that is declared is read, and read as declared; what is made of the declarations is
-//! what is committed.
+//! Every declared key is read as declared, and the documents made from the declarations are
+//! committed.
 //!
-//! With `ISOCAT_KEYS` set to a folder, the files that are tried here are left there, for another
-//! reader of the schemas: those that are accepted in `good`, those that a schema can refuse in
-//! `bad`.
+//! If `ISOCAT_KEYS` is set to a folder, the test writes its files there, for another reader of the
+//! schemas: accepted ones to `good`, those that a schema can refuse to `bad`.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -21,7 +20,7 @@ mod pages;
 
 use bases::file;
 
-/// What a file says, in a form that tells any two contents apart.
+/// The content of a file, in a form that distinguishes any two contents.
 fn read(of: &File, text: &str) -> Result<String, FileError> {
     let path = folder().join("file.toml").display().to_string();
     match of.name {
@@ -30,7 +29,7 @@ fn read(of: &File, text: &str) -> Result<String, FileError> {
     }
 }
 
-/// Where the ESI file that examples name lies.
+/// Folder with the ESI file of the examples.
 fn folder() -> PathBuf {
     static MADE: std::sync::OnceLock<PathBuf> = std::sync::OnceLock::new();
     let make = || {
@@ -51,7 +50,7 @@ fn folder() -> PathBuf {
     MADE.get_or_init(make).clone()
 }
 
-/// Leaves a file for another reader.
+/// Writes a file for another reader.
 fn leave(of: &File, good: bool, text: &str) {
     static COUNT: AtomicUsize = AtomicUsize::new(0);
     let Some(folder) = std::env::var_os("ISOCAT_KEYS") else { return };
@@ -75,7 +74,7 @@ fn refused(place: &Place, value: &str) -> String {
     match read(place.file, &text) {
         Ok(_) => panic!("{} = {value} was accepted\n{text}", place.path()),
         Err(error) => {
-            // The mistake is told at the key.
+            // The mistake is reported at the key.
             let told = text.lines().nth(error.line.saturating_sub(1)).unwrap_or_default();
             assert!(told.contains(place.key.name), "{error}\n{text}");
             error.to_string()
@@ -90,7 +89,7 @@ fn every_example_is_accepted() {
     }
 }
 
-/// A date is a value of no key: a key that were declared and not read would let it pass.
+/// A date is a value of no key, so a key that is declared and not read would accept it.
 #[test]
 fn every_key_is_read() {
     for place in keys::all() {
@@ -110,7 +109,7 @@ fn no_other_key_is_accepted() {
     }
 }
 
-/// Both sides of every end of every range, by the smallest step.
+/// Tests both sides of every end of every range, by the smallest step.
 #[test]
 fn ranges_end_where_they_are_declared() {
     let mut ranges = 0;
@@ -133,7 +132,7 @@ fn ranges_end_where_they_are_declared() {
             "" => number.to_string(),
             unit => format!("\"{number}{unit}\""),
         };
-        // What else is wrong with a value at the end of its range is no matter here.
+        // Other errors of a value at the end of its range do not matter here.
         let out = |number: i64| {
             let text = file(&place, Some(&format!("{} = {}", place.key.name, value(number))));
             let read = read(place.file, &text);
@@ -162,7 +161,7 @@ fn ranges_end_where_they_are_declared() {
     assert!(ranges > 60, "{ranges}");
 }
 
-/// The same of decimal numbers, whose steps are as small as one likes.
+/// The same for decimal numbers, which have no smallest step.
 #[test]
 fn decimals_end_where_they_are_declared() {
     let mut ranges = 0;
@@ -196,7 +195,7 @@ fn defaults_are_what_holds_without_the_key() {
     assert!(defaults > 30, "{defaults}");
 }
 
-/// A default that is no other value: the example says something else, and is heard.
+/// The default gives the same result as no key, and the example another one.
 #[test]
 fn examples_are_heard() {
     for place in keys::all() {
@@ -232,7 +231,7 @@ fn words_are_those_declared() {
         let value = |word: &str| if list { format!("[\"{word}\"]") } else { format!("\"{word}\"") };
         for (word, _) in words {
             let text = file(&place, Some(&format!("{} = {}", place.key.name, value(word))));
-            // Another device may be needed for it, but it is known.
+            // It may need another device, but it is known.
             match read(place.file, &text) {
                 Ok(_) => leave(place.file, true, &text),
                 Err(error) => assert!(!error.message.contains("unknown"), "{error}\n{text}"),
@@ -245,7 +244,7 @@ fn words_are_those_declared() {
     }
 }
 
-/// What the declarations say of two keys together, the parser says as well.
+/// The parser enforces the declared rules for pairs of keys.
 #[test]
 fn keys_that_go_together() {
     let mut rules = 0;
@@ -260,7 +259,7 @@ fn keys_that_go_together() {
                         let both = format!("{}\n{}", line(one), line(other));
                         vec![bases::file(&place(one), Some(&both)), bases::file(&place(one), None)]
                     }
-                    // Its base has neither but the first.
+                    // Its base has only the first of both.
                     Rule::Any(one, _) => vec![bases::file(&place(one), None)],
                     Rule::AnyOf(keys) => {
                         keys.iter().map(|key| bases::file(&place(key), None)).collect()
@@ -302,7 +301,7 @@ fn a_key_is_found_by_its_name() {
     assert!(paths("no_such_key").is_empty());
 }
 
-/// Text that people read keeps to the form of sentences and phrases.
+/// Texts for people have the form of sentences and phrases.
 #[test]
 fn words_of_the_declarations() {
     for place in keys::all() {

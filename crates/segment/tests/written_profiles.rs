@@ -1,4 +1,4 @@
-//! A profile written from a description is the device of the description.
+//! A profile written from a description gives the same device as the description.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,18 +10,18 @@ use isocat_subdevice::{Entry, Object};
 use isocat_wire::coe::info::Access;
 use isocat_wire::sii::{Header, MailboxArea, SmRecord, sm_type};
 
-/// The flags of mapping, which descriptions often lack where a PDO maps the entry.
+/// The flags of mapping, which descriptions often lack although a PDO maps the entry.
 const MAPPABLE: u16 = Access::RX_MAPPABLE.0 | Access::TX_MAPPABLE.0;
 
-/// A value without the zeros that fill it up.
+/// A value without trailing zeros.
 fn value(profile: &Profile, entry: &Entry) -> Vec<u8> {
     let value = profile.description.power_on(entry);
     let end = value.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
     value[..end].to_vec()
 }
 
-/// What the dictionaries differ in. Entries that were added, flags of mapping that were, and what
-/// an unknown 0x1C32:04 becomes are mended on purpose, and counted.
+/// The differences of the dictionaries. Added entries and mapping flags, and changes to an unknown
+/// 0x1C32:04, are corrected on purpose, and counted.
 fn differences(real: &Profile, read: &Profile) -> (Vec<String>, usize) {
     let (mut all, mut mended) = (Vec::new(), 0);
     for object in real.description.objects {
@@ -88,7 +88,7 @@ fn differences(real: &Profile, read: &Profile) -> (Vec<String>, usize) {
     }
     all.extend(differences_of_sii(real, read));
     if real.times != read.times {
-        // They are shortened where they do not fit into the minimum cycle.
+        // Times are shortened if they do not fit into the minimum cycle.
         mended += 1;
         let work = |profile: &Profile| {
             let times = &profile.times;
@@ -101,13 +101,13 @@ fn differences(real: &Profile, read: &Profile) -> (Vec<String>, usize) {
     (all, mended)
 }
 
-/// Where the mailbox lies and what it carries. Parameters of drives behind SoE have no key in a profile.
+/// Areas and protocols of the mailbox. Parameters of drives behind SoE have no key in a profile.
 fn mailbox(profile: &Profile) -> Option<(MailboxArea, MailboxArea, u16)> {
     let mailbox = profile.description.mailbox?;
     Some((mailbox.receive, mailbox.send, mailbox.speaks.protocols))
 }
 
-/// A drive by where it has its objects; of a plain one they are where most drives have them.
+/// The layout of a drive; a plain drive has the usual one.
 fn application(profile: &Profile) -> String {
     match profile.application {
         ApplicationKind::Io => "io".to_owned(),
@@ -119,7 +119,7 @@ fn application(profile: &Profile) -> String {
     }
 }
 
-/// What a MainDevice reads of the SII, and what is doubtful in it.
+/// The parts of the SII that a MainDevice reads, and the doubts about it.
 fn parts_of_sii(profile: &Profile) -> [(&'static str, String); 6] {
     let file = SiiFile::from_bytes("image", &profile.sii).expect("an image");
     let Sii { header, sync_managers, outputs, inputs, op_modes, .. } = &file.sii;
@@ -143,7 +143,7 @@ fn parts_of_sii(profile: &Profile) -> [(&'static str, String); 6] {
     ]
 }
 
-/// Names are left out where an image has no room for them, so they are not compared.
+/// Names are not compared, since an image without space for them leaves them out.
 fn differences_of_sii(real: &Profile, read: &Profile) -> Vec<String> {
     let both = parts_of_sii(real).into_iter().zip(parts_of_sii(read));
     let different = both.filter(|((_, before), (_, after))| before != after);
@@ -160,7 +160,8 @@ fn modes(device: &EsiDevice) -> Vec<Option<usize>> {
     }
 }
 
-/// What became of the devices of a file: how many were written, and why others were not.
+/// The results for the devices of a file: the number of those written, and reasons why others were
+/// not.
 #[derive(Default)]
 struct Counts {
     equal: usize,
@@ -237,7 +238,7 @@ fn real_descriptions_become_profiles() {
     for (reason, count) in &counts.refused {
         println!("{count:4} refused: {reason}");
     }
-    // What no key can say.
+    // No key can express this.
     let known = |reason: &String| reason.ends_with("in several SyncManagers");
     assert!(counts.refused.keys().all(known), "{:?}", counts.refused);
     assert!(counts.equal > counts.refused.values().sum(), "{}", counts.equal);

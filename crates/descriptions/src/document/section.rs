@@ -1,9 +1,8 @@
 //! Keys of a file, declared once: a table of a file is a [`Section`] of [`Key`]s.
 //!
-//! What a key is called, what values it has, what holds without it, what it does and where its
-//! value goes stands in its [`Key`] and nowhere else. The parser reads by it ([`Keys`]), and
-//! explanations, the schemas for editors, the tables of the documentation and the playground's
-//! controls are made of it.
+//! Name, values, default, effect and destination of a key are declared in its [`Key`] and nowhere
+//! else. The parser uses it ([`Keys`]), and explanations, the schemas for editors, the tables of
+//! the documentation and the playground's controls are made from it.
 
 mod read;
 mod words;
@@ -17,13 +16,13 @@ use isocat_wire::time::Nanos;
 /// A table of a file and its keys.
 #[derive(Debug)]
 pub struct Section {
-    /// How the file opens it: `[host]`, `[[subdevice]]`; empty for the top level.
+    /// Its head in the file: `[host]`, `[[subdevice]]`; empty for the top level.
     pub head: &'static str,
-    /// What it describes, as a sentence.
+    /// Its meaning, as a sentence.
     pub means: &'static str,
-    /// Its keys, in the order in which people should read of them.
+    /// Its keys, in the order for readers.
     pub keys: &'static [Key],
-    /// What holds between them.
+    /// Rules for the keys.
     pub rules: &'static [Rule],
 }
 
@@ -43,54 +42,54 @@ impl Section {
     }
 }
 
-/// A key: all that is known about it.
+/// A key with all its properties.
 #[derive(Debug)]
 pub struct Key {
-    /// As the file writes it.
+    /// Its name in the file.
     pub name: &'static str,
-    /// What values it has.
+    /// The kind of its values.
     pub kind: Kind,
-    /// Whether it must be there.
+    /// Whether it is required.
     pub need: Need,
-    /// What it does, in a sentence or two.
+    /// Its effect, in one or two sentences.
     pub means: &'static str,
-    /// Where its value goes: an object, a register, a field.
+    /// The destination of its value: an object, a register, a field.
     pub goes: &'static str,
-    /// A value, as TOML.
+    /// An example value in TOML.
     pub example: &'static str,
 }
 
-/// What holds between two keys of a section.
+/// A rule for the keys of a section.
 #[derive(Clone, Copy, Debug)]
 pub enum Rule {
-    /// One of both stands there, not both.
+    /// Exactly one of both is present.
     Either(&'static str, &'static str),
-    /// At least one of both stands there.
+    /// At least one of both is present.
     Any(&'static str, &'static str),
-    /// At least one of them stands there.
+    /// At least one of them is present.
     AnyOf(&'static [&'static str]),
-    /// Not both stand there.
+    /// Not both are present.
     NotBoth(&'static str, &'static str),
-    /// The first stands only beside the second.
+    /// The first requires the second.
     Needs(&'static str, &'static str),
-    /// The first stands only beside one of the others.
+    /// The first requires one of the others.
     NeedsAny(&'static str, &'static [&'static str]),
 }
 
-/// Whether a key must be there.
+/// Whether a key is required.
 #[derive(Clone, Copy, Debug)]
 pub enum Need {
-    /// It must. An error says what was expected, in these words.
+    /// It is required. The text describes the expected value in an error.
     Required(&'static str),
-    /// It must in some cases: which, in words, and what an error says was expected.
+    /// It is required in some cases: the cases in words, and the expected value for errors.
     Sometimes(&'static str, &'static str),
-    /// Without it this value holds, as TOML.
+    /// Its default, as TOML.
     Default(&'static str),
-    /// Without it this holds, in words.
+    /// Its default, in words.
     Without(&'static str),
 }
 
-/// What values a key has. Ends of ranges belong to them.
+/// The kind of a key's values, including ranges.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
     /// A span of time with its unit.
@@ -116,7 +115,7 @@ pub enum Kind {
         /// Most, ps/m.
         most: i64,
     },
-    /// How much faster a clock runs, with its unit.
+    /// Frequency deviation of a clock, with its unit.
     Rate {
         /// Least, ppb.
         least: i64,
@@ -136,10 +135,10 @@ pub enum Kind {
         least: f64,
         /// Most.
         most: f64,
-        /// As it stands behind the number.
+        /// Unit after the number.
         unit: &'static str,
     },
-    /// An integer that people write in hexadecimal: an index, an address, a code.
+    /// An integer in hexadecimal notation: an index, an address, a code.
     Hex {
         /// Least.
         least: i64,
@@ -148,23 +147,23 @@ pub enum Kind {
     },
     /// `true` or `false`.
     Boolean,
-    /// A text of 1 to 255 bytes: what it should be, in words.
+    /// A text of 1 to 255 bytes; the description is for errors.
     Name(&'static str),
-    /// Any text, even an empty one: what it should be, in words.
+    /// Any text, even an empty one; the description is for errors.
     Text(&'static str),
-    /// A text with a form of its own.
+    /// A text with a special form.
     Pattern {
-        /// What it should be, in words.
+        /// Description of the expected text.
         expected: &'static str,
         /// The form as a regular expression of ECMA 262. It may be wider than what the parser
-        /// takes.
+        /// accepts.
         pattern: &'static str,
     },
     /// One of some words.
     Choice(Choice),
-    /// A text that begins with one of some words; what stands behind it depends on the word.
+    /// A text that begins with one of some words; the rest depends on the word.
     Command {
-        /// What it should be, in words.
+        /// Description of the expected text.
         expected: &'static str,
         /// The words.
         words: Choice,
@@ -181,11 +180,11 @@ pub enum Kind {
     Tables(&'static Section),
     /// A table whose keys are data.
     Map {
-        /// What the keys should be, in words.
+        /// Description of the expected keys.
         expected: &'static str,
         /// Their form as a regular expression.
         pattern: &'static str,
-        /// What values they have.
+        /// The kind of their values.
         values: &'static Kind,
     },
 }
@@ -220,7 +219,7 @@ impl Kind {
 pub enum Limit {
     /// A fixed number.
     At(i64),
-    /// It depends on another quantity: in words, and how it follows from that.
+    /// A number that depends on another quantity: description, and formula.
     From(&'static str, fn(i64) -> i64),
 }
 
@@ -234,10 +233,10 @@ impl Limit {
     }
 }
 
-/// A list of cells that each have a meaning by their place.
+/// A list of cells whose meaning depends on their place.
 #[derive(Debug)]
 pub struct Row {
-    /// What it is, for errors: `a row [PDO, bits]`.
+    /// Its description for errors: `a row [PDO, bits]`.
     pub expected: &'static str,
     /// The cells.
     pub cells: &'static [Cell],
@@ -248,14 +247,13 @@ pub struct Row {
 /// A cell of a row.
 #[derive(Debug)]
 pub struct Cell {
-    /// What it is called.
+    /// Its name.
     pub name: &'static str,
-    /// What values it has.
+    /// The kind of its values.
     pub kind: Kind,
 }
 
-/// The words of a key that has words. The list itself also has what each word stands for, see
-/// [`Keys::choice`].
+/// The words of a key. The list itself also has the value for each word, see [`Keys::choice`].
 #[derive(Clone, Copy)]
 pub struct Choice(pub &'static (dyn Words + Sync));
 
@@ -267,11 +265,11 @@ impl fmt::Debug for Choice {
 
 /// A list of words.
 pub trait Words {
-    /// Each word and what it means; an empty meaning where the word says it all.
+    /// Each word and its meaning; the meaning is empty if the word suffices.
     fn words(&self) -> Vec<(&'static str, &'static str)>;
 }
 
-/// A word, what it means, and what it stands for.
+/// A word, its meaning, and its value.
 pub type Word<T> = (&'static str, &'static str, T);
 
 impl<T, const N: usize> Words for [Word<T>; N] {

@@ -72,7 +72,7 @@ impl Reader<'_> {
             }
         }
         self.cycle(config, &cycles_ns, &mut list);
-        // How often the frames of each Cyclic travel, by the fastest one.
+        // The period of the frames of each Cyclic, relative to the fastest one.
         let mut first = 0;
         for (end, cycle) in groups.into_iter().zip(&cycles_ns) {
             let times = cycle.and_then(|cycle| cycle.checked_div(list.cycle_ns));
@@ -108,7 +108,7 @@ impl Reader<'_> {
             }
             frames.push(CyclicFrame { every: 1, datagrams });
         }
-        // Commands outside of a frame: a frame of their own, as some tools have it.
+        // Commands outside of a frame, as some tools write them, get a separate frame.
         let mut loose = Vec::new();
         for command in named(node, "Cmd") {
             loose.push(self.datagram(command)?);
@@ -149,7 +149,7 @@ impl Reader<'_> {
         })
     }
 
-    /// A register command; `None` if it is left out.
+    /// A register command; `None` if it is omitted.
     pub(super) fn register_step(&mut self, node: Node) -> Result<Option<RegisterStep>> {
         let Some(transitions) = self.transitions(node)? else { return Ok(None) };
         let (command, address) = self.command(node)?;
@@ -234,7 +234,7 @@ impl Reader<'_> {
         Ok((command, address))
     }
 
-    /// Data, or zeros of DataLength.
+    /// Data, or zeros with the length DataLength.
     fn data(&mut self, node: Node) -> Result<Vec<u8>> {
         if let Some(data) = child(node, "Data") {
             return self.bytes(data);
@@ -250,7 +250,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The bus cycle: what Cyclic says, else the longest cycle of SYNC0.
+    /// The bus cycle: that of Cyclic, or else the longest cycle of SYNC0.
     fn cycle(&mut self, config: Node, cycles: &[Option<i64>], list: &mut StartUp) {
         let sync0 = |device: &DeviceStartUp| device.dc.map_or(0, |dc| i64::from(dc.sync0_ns));
         let longest = list.devices.iter().map(sync0).max().unwrap_or(0);
@@ -296,5 +296,5 @@ impl Reader<'_> {
     }
 }
 
-/// What fits into one frame.
+/// Largest number of bytes in one frame.
 pub(super) const MOST_BYTES: usize = 1_486;

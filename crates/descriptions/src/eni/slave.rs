@@ -28,7 +28,7 @@ impl Reader<'_> {
             device.product = self.number(info, "ProductCode")?.unwrap_or(0);
             device.revision = self.number(info, "RevisionNo")?.unwrap_or(0);
             device.serial = self.number(info, "SerialNo")?.unwrap_or(0);
-            // Blanks within are ports that are not used; trailing ones say nothing.
+            // Blanks in between are unused ports; trailing ones have no meaning.
             device.physics = text_of(info, "Physics");
             self.auto_increment(info, position, &mut slave)?;
         }
@@ -118,7 +118,7 @@ impl Reader<'_> {
         for pdo in named(node, "Pdo") {
             pdos.push(self.number_of(pdo)?);
         }
-        // Bits 3:2 of the control byte say who writes; its text is a name.
+        // Bits 3:2 of the control byte define the direction; its text is only a name.
         let outputs = match child(node, "ControlByte") {
             Some(_) => control >> 2 & 3 == 1,
             None => text_of(node, "Type") == "Outputs",
@@ -165,7 +165,7 @@ impl Reader<'_> {
                     || child(node, protocol).is_some()
             };
             let (coe, soe) = (speaks("CoE"), speaks("SoE"));
-            // A mailbox of no bytes is what tools write for none.
+            // Tools write a mailbox of 0 bytes if there is none.
             if out.length > 0 || back.length > 0 {
                 device.mailbox = Some(Mailbox { out, back, coe, soe });
             }
@@ -207,7 +207,8 @@ impl Reader<'_> {
         let index = self.number(node, "Index")?;
         let index = index.ok_or_else(|| self.error(node, "an SDO command without Index"))?;
         let object = ObjectAddress::new(index, self.number(node, "SubIndex")?.unwrap_or(0));
-        // 1 is a download and 2 an upload, as in CoE; some files have them the other way round. Data tell.
+        // 1 is a download and 2 an upload, as in CoE; some files have them swapped. The presence of
+        // data decides.
         let ccs: Option<u8> = self.number(node, "Ccs")?;
         let data = data.filter(|data| !data.is_empty());
         let Some(data) = data else {
@@ -279,12 +280,12 @@ impl Reader<'_> {
             sync1_ns: self.number(node, "CycleTime1")?.unwrap_or(0),
             shift_ns: self.number(node, "ShiftTime")?.unwrap_or(0),
         };
-        // Tools say of devices without DC that they are no reference clock, and nothing else.
+        // For devices without DC, tools state only that they are no reference clock.
         let says = ["ReferenceClock", "CycleTime0", "CycleTime1", "ShiftTime"];
         Ok(says.iter().any(|name| child(node, name).is_some()).then_some(dc))
     }
 
-    /// Commands that contradict what the SubDevice's other parts say.
+    /// Warns of commands that contradict other parts of the SubDevice.
     fn check_step(&mut self, node: Node, step: &RegisterStep, device: &DeviceStartUp) {
         let Address::Physical { register, .. } = step.address else { return };
         let word = step.data.first_chunk().map(|bytes| u16::from_le_bytes(*bytes));
@@ -303,7 +304,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The cycles that are written against those that DC names.
+    /// Compares the cycles that are written with those in DC.
     fn check_cycles(&mut self, node: Node, device: &DeviceStartUp, dc: Dc) {
         let at = |step: &&RegisterStep, address: u16| matches!(step.address, Address::Physical { register, .. } if register == address);
         let step = device.registers.iter().find(|step| at(step, register::SYNC0_CYCLE.address));

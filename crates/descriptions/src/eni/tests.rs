@@ -1,4 +1,4 @@
-//! What is written is read back equal; real files; what is broken says where.
+//! Written lists are read back equal; real files; errors of broken files have a place.
 
 use isocat_wire::al::AlState;
 use isocat_wire::soe::Idn;
@@ -130,13 +130,13 @@ fn what_eni_can_not_say_stands_in_comments() {
     assert!(text.contains("<!-- mode dc-sync0 -->"));
     assert!(text.contains("<!-- The cycle is 62500 ns"));
     let eni = read(&text).unwrap();
-    // The cycle of SYNC0 is what is left.
+    // The cycle of SYNC0 remains as the source.
     assert_eq!(eni.start_up.cycle_ns, 1_000_000);
     assert_eq!(eni.warnings[0].kind, WarningKind::CycleTimeMissing);
     assert!(eni.start_up.notes.is_empty());
 }
 
-/// The smallest file around something.
+/// The smallest file around a part.
 fn around(slave: &str, rest: &str) -> String {
     format!(
         "<EtherCATConfig>\n<Config>\n<Slave><Info><PhysAddr>1001</PhysAddr></Info>\n{slave}</Slave>\n{rest}\n\
@@ -189,7 +189,7 @@ fn what_is_broken_says_where() {
     let declared = [b"<?xml version='1.0' encoding='ISO-8859-1'?>".as_slice(), &bytes].concat();
     let error = Eni::from_bytes("x.xml", &declared).unwrap_err().to_string();
     assert!(error.contains("no Config"), "{error}");
-    // Deep nesting ends as an error or not at all, never in a crash.
+    // Deep nesting gives an error or is accepted, but never causes a crash.
     let deep = format!(
         "<EtherCATConfig>{}{}</EtherCATConfig>",
         "<a>".repeat(20_000),
@@ -379,7 +379,7 @@ fn any_device() -> impl Strategy<Value = DeviceStartUp> {
             let (registers, objects, parameters) = lists;
             let bits =
                 |bits: Option<(u32, u32)>| bits.map(|(start, length)| ImageBits { start, length });
-            // A mailbox of no bytes is none; a device with SDO downloads speaks CoE, and so on.
+            // A mailbox of 0 bytes is none; a device with SDO downloads speaks CoE, and so on.
             let (coe, soe) = (!objects.is_empty(), !parameters.is_empty());
             DeviceStartUp {
                 name,
@@ -442,7 +442,7 @@ fn any_list() -> impl Strategy<Value = StartUp> {
                 output_offset: numbers.2,
                 comment,
             });
-    // Faster ones first, as they are sent.
+    // Faster frames first, in sending order.
     let frame = (1..6u32, proptest::collection::vec(datagram, 0..4))
         .prop_map(|(every, datagrams)| CyclicFrame { every, datagrams });
     let frames = proptest::collection::vec(frame, 0..3).prop_map(|mut frames| {
@@ -468,7 +468,7 @@ fn any_list() -> impl Strategy<Value = StartUp> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// Whatever list there is: it comes back as it was.
+    /// Any list is read back as it was written.
     #[test]
     fn any_list_is_read_back(list in any_list()) {
         let text = write(&list);
@@ -477,7 +477,7 @@ proptest! {
         prop_assert_eq!(write(&eni.start_up), text);
     }
 
-    /// A file that was damaged: an error with a place, or something; never a panic.
+    /// A damaged file gives an error with a place, or a result; never a panic.
     #[test]
     fn a_damaged_file_does_not_panic(at in any::<prop::sample::Index>(), byte in any::<u8>(), cut in any::<bool>()) {
         let mut bytes = write(&list()).into_bytes();

@@ -1,7 +1,7 @@
 //! From bytes to elements: encodings, places, numbers.
 //!
-//! The parser is a library's. Encodings are UTF-8, and Latin-1 where the file declares it; configuration tools
-//! write nothing else.
+//! The parser is a library. Encodings are UTF-8, and Latin-1 if the file declares it; configuration
+//! tools write no others.
 
 use std::borrow::Cow;
 
@@ -12,7 +12,7 @@ use crate::document::{FileError, Source, Wrong};
 use crate::esi::guard;
 use crate::limits;
 
-/// The text of a file, and whether something stands before its declaration.
+/// The text of a file, and whether text comes before its declaration.
 pub(super) fn decode<'a>(path: &str, bytes: &'a [u8]) -> Result<(Cow<'a, str>, bool)> {
     let error = |at: usize, message: String| {
         let before = String::from_utf8_lossy(&bytes[..at]);
@@ -38,7 +38,7 @@ pub(super) fn decode<'a>(path: &str, bytes: &'a [u8]) -> Result<(Cow<'a, str>, b
         }
     };
     match text.find("<?xml") {
-        // Blanked out, so that places stay those of the file.
+        // It is replaced by blanks, so that places stay those of the file.
         Some(at) if !text[..at].trim().is_empty() => {
             let blank = |c: char| if c == '\n' { '\n' } else { ' ' };
             let before: String = text[..at].chars().map(blank).collect();
@@ -48,7 +48,7 @@ pub(super) fn decode<'a>(path: &str, bytes: &'a [u8]) -> Result<(Cow<'a, str>, b
     }
 }
 
-/// The tree of a text. A declaration that is not at its beginning is taken all the same.
+/// The tree of a text. A declaration that is not at its beginning is accepted.
 pub(super) fn parse<'a>(path: &str, text: &'a str) -> Result<(Document<'a>, usize)> {
     let start = text.len() - text.trim_start().len();
     guard(&text[start..])
@@ -72,7 +72,7 @@ pub(super) fn parse<'a>(path: &str, text: &'a str) -> Result<(Document<'a>, usiz
     }
 }
 
-/// What all parts of the reading need: the text for places, and the warnings.
+/// The common data of all readers: the text for places, and the warnings.
 pub(super) struct Reader<'t> {
     pub source: Source<'t>,
     /// Bytes before the parsed text.
@@ -95,12 +95,12 @@ impl Reader<'_> {
         self.warnings.push(Warning { kind, line, column, message });
     }
 
-    /// The number of a child; `None` without the child.
+    /// The number in a child; `None` without the child.
     pub fn number<T: TryFrom<i64>>(&mut self, of: Node, name: &str) -> Result<Option<T>> {
         child(of, name).map(|node| self.number_of(node)).transpose()
     }
 
-    /// The number that an element holds.
+    /// The number in an element.
     pub fn number_of<T: TryFrom<i64>>(&mut self, node: Node) -> Result<T> {
         let text = text(node);
         let name = node.tag_name().name();
@@ -122,13 +122,13 @@ impl Reader<'_> {
             .map_err(|_| self.error(node, format!("{name} {text} is out of range for its place")))
     }
 
-    /// The flag of a child; false without the child.
+    /// The flag in a child; false without the child.
     pub fn flag(&self, of: Node, name: &str) -> Result<bool> {
         let Some(node) = child(of, name) else { return Ok(false) };
         self.flag_of(node, &text(node))
     }
 
-    /// An attribute that is a flag; false without it.
+    /// The flag in an attribute; false without it.
     pub fn attribute(&self, of: Node, name: &str) -> Result<bool> {
         of.attribute(name).map_or(Ok(false), |text| self.flag_of(of, text.trim()))
     }

@@ -11,8 +11,8 @@ use crate::start_up::{
     RegisterStep, StartUp, Transition, hex,
 };
 
-/// The list as the text of an ENI file, in UTF-8. What ENI has no place for stands in comments: the notes, and a
-/// cycle that is no whole number of microseconds.
+/// The list as the text of an ENI file, in UTF-8. Parts that ENI cannot express are comments: the
+/// notes, and a cycle that is no whole number of microseconds.
 pub fn write(list: &StartUp) -> String {
     let mut writer = Writer::default();
     // Writing to a String cannot fail.
@@ -148,7 +148,7 @@ impl Writer {
         })
     }
 
-    /// What is written to a device of which the list tells no mailbox areas.
+    /// The writes to a device without mailbox areas in the list.
     fn objects_without_mailbox(&mut self, device: &DeviceStartUp) -> fmt::Result {
         if device.objects.is_empty() && device.parameters.is_empty() {
             return Ok(());
@@ -238,13 +238,14 @@ impl Writer {
         })
     }
 
-    /// The frames that travel in every so many bus cycles.
+    /// The frames of every n-th bus cycle.
     fn cyclic(&mut self, list: &StartUp, every: u32) -> fmt::Result {
         let bus = list.cycle_ns;
         let cycle = i128::from(bus) * i128::from(every);
         match (u32::try_from(cycle / 1_000), bus % 1_000) {
             (Ok(micros), 0) => self.number("CycleTime", micros)?,
-            // Of a slower group neither where the bus cycle has none: it would be taken for that.
+            // If the bus cycle has no CycleTime, a slower group has none either: it would be read
+            // as the bus cycle.
             _ => self.comment(&format!(
                 "The cycle is {cycle} ns: CycleTime counts whole microseconds and is left out."
             ))?,
@@ -288,7 +289,7 @@ impl Writer {
         }
     }
 
-    /// Bytes, or of many zeros the length.
+    /// Bytes, or only the length if they are many zeros.
     fn data(&mut self, data: &[u8]) -> fmt::Result {
         match data.len() > 32 && data.iter().all(|byte| *byte == 0) {
             true => self.number("DataLength", data.len()),
@@ -337,5 +338,5 @@ impl Writer {
     }
 }
 
-/// How often a MainDevice that does not watch the mailbox's state looks into it.
+/// Polling interval of a MainDevice that does not watch the mailbox's state.
 const POLL_TIME_MS: u32 = 20;

@@ -1,16 +1,16 @@
-//! Which device of a description is meant: by type, product code and revision.
+//! Selection of a device in a description by type, product code and revision.
 
 use super::{EsiDevice, EsiFile};
 use crate::document::name_hint;
 
-/// What a device is chosen by. What is `None` does not matter.
+/// Selection criteria of a device. `None` matches everything.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Wish<'a> {
-    /// Type name, such as "EL2502-0010". It may be left out where all devices have one type.
+    /// Type name, such as "EL2502-0010". It may be omitted if all devices have one type.
     pub type_name: Option<&'a str>,
     /// Product code: some files give one type and revision to several products.
     pub product: Option<u32>,
-    /// Revision: that one, or else the newest that is not newer. Without it the newest of all.
+    /// Revision: this one, or else the newest that is not newer. Without it the newest of all.
     pub revision: Option<u32>,
 }
 
@@ -28,18 +28,18 @@ pub enum Wanted {
 /// Why no device of a file was chosen.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct NoChoice {
-    /// The part of the wish that nothing in the file fits.
+    /// The criterion that nothing in the file matches.
     pub blame: Wanted,
-    /// What was asked for, and what there is.
+    /// The requested and the existing values.
     pub message: String,
 }
 
-/// A device of a file, and what should be known about its choice.
+/// A device of a file, with a note on its selection.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Choice<'f> {
     /// The device.
     pub device: &'f EsiDevice,
-    /// Why this one, where there were others.
+    /// Why this device was selected, if there were others.
     pub note: Option<String>,
 }
 
@@ -49,7 +49,7 @@ impl EsiFile {
         self.devices.iter().filter(|device| device.product_code.is_some())
     }
 
-    /// The device that a wish means.
+    /// The device that matches a wish.
     pub fn device(&self, wish: Wish<'_>) -> Result<Choice<'_>, NoChoice> {
         let mut candidates = self.of_product(self.of_type(wish)?, wish)?;
         candidates.sort_by_key(|device| number(device));
@@ -86,7 +86,7 @@ impl EsiFile {
         Ok(Choice { device, note: (!notes.is_empty()).then(|| notes.join("; ")) })
     }
 
-    /// Usable devices of the wished type; of any where all have one type or a product is wished for.
+    /// Usable devices of the wished type; all if they have one type or a product is wished.
     fn of_type(&self, wish: Wish<'_>) -> Result<Vec<&EsiDevice>, NoChoice> {
         let mut names: Vec<&str> = self.usable().map(|device| device.type_name.as_str()).collect();
         names.dedup();
@@ -138,7 +138,7 @@ impl EsiFile {
         Ok(of_product)
     }
 
-    /// Why there is nothing to choose, with the place of what was refused.
+    /// Why no device can be selected, with the place of the first refused one.
     pub fn none_usable(&self) -> String {
         match self.refused.first() {
             Some(error) => format!("the file has no device that can be chosen; refused: {error}"),

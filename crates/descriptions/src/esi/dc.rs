@@ -1,4 +1,4 @@
-//! Distributed clocks: the OpModes as the file has them, and what is doubtful about each.
+//! Distributed clocks: the OpModes of the file, and doubts about each.
 
 use isocat_wire::time::Nanos;
 
@@ -9,49 +9,49 @@ use super::warning::{WarningKind, Warnings};
 /// `Device/Dc`.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct EsiDc {
-    /// FRMW can't be used to distribute the time.
+    /// Whether FRMW cannot be used to distribute the time.
     pub unknown_frmw: bool,
-    /// The system time has 32 bits.
+    /// Whether the system time has 32 bits.
     pub unknown_64_bit: bool,
-    /// Has an outside source of time.
+    /// Whether it has an external source of time.
     pub external_reference_clock: bool,
-    /// May serve as reference clock.
+    /// Whether it may be the reference clock.
     pub potential_reference_clock: bool,
-    /// System time only: SYNC and latch units are not to be touched.
+    /// Whether it has only a system time: SYNC and latch units must not be used.
     pub time_loop_control_only: bool,
-    /// Choices; the first is the default.
+    /// OpModes; the first is the default.
     pub op_modes: Vec<EsiOpMode>,
 }
 
-/// `Dc/OpMode`, raw.
+/// `Dc/OpMode` as in the file.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct EsiOpMode {
-    /// Byte of the text at which it stands.
+    /// Byte offset in the text.
     pub at: usize,
     /// Name; not always unique.
     pub name: String,
-    /// For people.
+    /// Description for people.
     pub description: String,
     /// Low byte for register 0x0980, high byte for 0x0981.
     pub assign_activate: u16,
-    /// SYNC0's cycle.
+    /// Cycle of SYNC0.
     pub cycle_time_sync0: Option<CycleTime>,
-    /// SYNC0's phase.
+    /// Phase of SYNC0.
     pub shift_time_sync0: Option<ShiftTime>,
-    /// SYNC1's cycle.
+    /// Cycle of SYNC1.
     pub cycle_time_sync1: Option<CycleTime>,
-    /// From SYNC0 to SYNC1, on top of the cycle.
+    /// Time from SYNC0 to SYNC1, in addition to the cycle.
     pub shift_time_sync1: Option<ShiftTime>,
     /// PDO assignments that replace the default ones.
     pub assignments: Vec<OpModeAssignment>,
 }
 
-/// A cycle: a time, or a factor where the time is 0.
+/// A cycle: a time, or a factor if the time is 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CycleTime {
-    /// Time; 0 where the factor counts.
+    /// Time; 0 if the factor is used.
     pub value: Nanos,
-    /// Positive: times the cycle; negative: part of the bus cycle.
+    /// Positive: multiple of the cycle; negative: divisor of the bus cycle.
     pub factor: Option<i32>,
 }
 
@@ -60,9 +60,9 @@ pub struct CycleTime {
 pub struct ShiftTime {
     /// Time, may be negative.
     pub value: Nanos,
-    /// Adds this many SYNC0 cycles, or one of so many parts if negative.
+    /// Adds this many SYNC0 cycles; if negative, one SYNC0 cycle divided by this number.
     pub factor: Option<i32>,
-    /// Counts from the inputs' reference point and not from the outputs'.
+    /// Whether it counts from the reference point of the inputs instead of that of the outputs.
     pub input: bool,
 }
 
@@ -71,22 +71,22 @@ pub struct ShiftTime {
 pub struct OpModeAssignment {
     /// SyncManager.
     pub sync_manager: u8,
-    /// PDO indices, each with the oversampling factor that it has in this mode.
+    /// PDO indices, each with its oversampling factor in this mode.
     pub pdos: Vec<(u16, Option<u16>)>,
 }
 
 impl EsiOpMode {
-    /// SYNC0 is generated.
+    /// Whether SYNC0 is generated.
     pub const fn sync0(&self) -> bool {
         self.assign_activate & (ACTIVE | SYNC0) == ACTIVE | SYNC0
     }
 
-    /// SYNC1 is generated.
+    /// Whether SYNC1 is generated.
     pub const fn sync1(&self) -> bool {
         self.assign_activate & (ACTIVE | SYNC1) == ACTIVE | SYNC1
     }
 
-    /// A pulse is generated, SYNC0 or SYNC1.
+    /// Whether SYNC0 or SYNC1 is generated.
     pub(crate) const fn has_pulses(&self) -> bool {
         self.sync0() || self.sync1()
     }
@@ -149,7 +149,7 @@ fn op_mode(element: Element<'_>, warnings: &mut Warnings) -> Result<EsiOpMode, P
             pdos.push((index, factor));
         }
         if let Some(number) = read::attribute(sm, "No", U8, warnings)? {
-            // An empty list is an assignment of nothing, an absent one leaves the default.
+            // An empty list assigns nothing, an absent one leaves the default.
             if !pdos.is_empty() || sm.elements().next().is_none() {
                 assignments.push(OpModeAssignment { sync_manager: number as u8, pdos });
             }
@@ -201,7 +201,7 @@ fn factor(element: Element<'_>, warnings: &mut Warnings) -> Result<Option<i32>, 
     Ok(read::attribute(element, "Factor", I32, warnings)?.map(|factor| factor as i32))
 }
 
-/// What a reader of the file should know about a mode.
+/// Collects the doubts about a mode.
 fn doubts(mode: &EsiOpMode, time_loop_control_only: bool, warnings: &mut Warnings) {
     let name = || read::cut(&mode.name);
     let word = mode.assign_activate;
@@ -261,7 +261,7 @@ const ACTIVE: u16 = 0x0100;
 const SYNC0: u16 = 0x0200;
 const SYNC1: u16 = 0x0400;
 const I32: std::ops::RangeInclusive<i64> = i32::MIN as i64..=i32::MAX as i64;
-/// Words that devices are known to have.
+/// AssignActivate words of known devices.
 const USUAL: [u16; 14] = [
     0x0000, 0x0030, 0x0100, 0x0120, 0x0130, 0x0300, 0x0310, 0x0320, 0x0330, 0x0500, 0x0700, 0x0710,
     0x0720, 0x0730,

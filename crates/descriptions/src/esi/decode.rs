@@ -1,14 +1,15 @@
 //! From bytes to text: byte order marks, declared encodings, UTF-16.
 //!
-//! Order of evidence: a byte order mark, then the pattern of an ASCII `<` in UTF-16, then the declaration, then
-//! UTF-8. Bytes that the encoding does not have are an error with their place; nothing is replaced.
+//! Evidence is used in this order: a byte order mark, then the pattern of an ASCII `<` in UTF-16,
+//! then the declaration, then UTF-8. Bytes that are invalid in the encoding are an error with their
+//! place; nothing is replaced.
 
 use std::borrow::Cow;
 
-/// How the bytes of a file are to be read.
+/// Encoding of a file's bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Encoding {
-    /// UTF-8, with ASCII in it.
+    /// UTF-8, which includes ASCII.
     Utf8,
     /// UTF-16, low byte first.
     Utf16Le,
@@ -21,7 +22,7 @@ pub enum Encoding {
 }
 
 impl Encoding {
-    /// The name that the registry of character sets prefers.
+    /// The preferred name in the registry of character sets.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Utf8 => "UTF-8",
@@ -38,20 +39,20 @@ impl Encoding {
 pub(super) struct Decoded<'a> {
     pub text: Cow<'a, str>,
     pub encoding: Encoding,
-    /// What was doubtful about the declaration; its place is the file's beginning.
+    /// Doubt about the declaration; its place is the file's beginning.
     pub doubt: Option<Doubt>,
 }
 
-/// What is doubtful about a declaration.
+/// A doubt about a declaration.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) enum Doubt {
-    /// The name is not registered, but known from the field.
+    /// The name is not registered, but known in practice.
     Name(String),
-    /// Bytes and declaration disagree; the bytes count.
+    /// Bytes and declaration disagree; the bytes are used.
     Contradiction(String),
 }
 
-/// Bytes that are no text.
+/// Bytes that cannot be decoded.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Undecodable {
     pub line: usize,
@@ -59,7 +60,7 @@ pub(super) struct Undecodable {
     pub message: String,
 }
 
-/// Reads bytes as text.
+/// Decodes bytes.
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded<'_>, Undecodable> {
     if let Some(rest) = bytes.strip_prefix(&[0xEF, 0xBB, 0xBF]) {
         let declared = declaration(rest).filter(|name| by_name(name) != Some(Encoding::Utf8));
@@ -196,7 +197,7 @@ fn undecodable(before: &str, at: usize, what: &str, encoding: Encoding) -> Undec
 
 /// A declaration is short; a file without one is not searched to its end.
 const LONGEST_DECLARATION: usize = 200;
-/// Bytes 0x80 to 0x9F of code page 1252; NUL where it has nothing.
+/// Bytes 0x80 to 0x9F of code page 1252; NUL if undefined.
 const HIGH_CONTROLS: [char; 32] = [
     '\u{20AC}', '\0', '\u{201A}', '\u{0192}', '\u{201E}', '\u{2026}', '\u{2020}', '\u{2021}',
     '\u{02C6}', '\u{2030}', '\u{0160}', '\u{2039}', '\u{0152}', '\0', '\u{017D}', '\0', '\0',

@@ -19,15 +19,15 @@ use super::warning::{Warning, WarningKind, Warnings};
 /// `Devices/Device`.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct EsiDevice {
-    /// Byte of the text at which it begins.
+    /// Byte offset in the text.
     pub at: usize,
     /// Type name, such as "EL2502-0010".
     pub type_name: String,
     /// Product name.
     pub name: String,
-    /// The group that it belongs to.
+    /// Its group.
     pub group: EsiGroup,
-    /// `EBusCurrent` in mA: what it takes from the EBUS, negative for what it feeds; `None` if not said.
+    /// `EBusCurrent` in mA: consumption from the EBUS, negative for supply; `None` if not stated.
     pub ebus_ma: Option<i16>,
     /// Product code; `None` for a placeholder, which is never chosen.
     pub product_code: Option<u32>,
@@ -35,13 +35,14 @@ pub struct EsiDevice {
     pub revision: Option<u32>,
     /// Serial number, mostly 0.
     pub serial: u32,
-    /// A newer device hides it in lists.
+    /// Whether a newer device hides it in lists.
     pub hidden: bool,
-    /// Ports 0 to 3 by letter: Y MII, K EBUS, H fast hot connect, blank unused; `None` if not said.
+    /// Ports 0 to 3 by letter: Y MII, K EBUS, H fast hot connect, blank unused; `None` if not
+    /// stated.
     pub physics: Option<String>,
-    /// Times and habits that `Info` tells.
+    /// Timeouts and behaviour in `Info`.
     pub timeouts: EsiTimeouts,
-    /// What each FMMU is for, as SII category 40 has it: 1 outputs, 2 inputs, 3 mailbox state, 0 unused.
+    /// Use of each FMMU as in SII category 40: 1 outputs, 2 inputs, 3 mailbox state, 0 unused.
     pub fmmus: Vec<u8>,
     /// SyncManagers by number.
     pub sync_managers: Vec<EsiSyncManager>,
@@ -49,19 +50,20 @@ pub struct EsiDevice {
     pub pdos: Vec<EsiPdo>,
     /// Mailbox, if it has one.
     pub mailbox: Option<EsiMailbox>,
-    /// Distributed clocks, if the file tells of them.
+    /// Distributed clocks, if the file describes them.
     pub dc: Option<EsiDc>,
     /// Device profile and dictionary.
     pub profile: EsiProfile,
-    /// Number of the group in which its own process data lie (`Type@ModulePdoGroup`).
+    /// Number of the group with its own process data (`Type@ModulePdoGroup`).
     pub pdo_group: u16,
-    /// Slots of a modular device; `None` once it has its modules.
+    /// Slots of a modular device; `None` once the modules are fitted.
     pub slots: Option<EsiSlots>,
-    /// The modules whose PDOs, objects and downloads are among its own: see [`super::EsiFile::fitted`].
+    /// The fitted modules, whose PDOs, objects and downloads are included: see
+    /// [`super::EsiFile::fitted`].
     pub modules: Vec<FittedModule>,
     /// EEPROM.
     pub eeprom: Option<EsiEeprom>,
-    /// What was doubtful about it.
+    /// Doubts about it.
     pub warnings: Vec<Warning>,
 }
 
@@ -75,21 +77,21 @@ pub struct EsiGroup {
 }
 
 impl EsiDevice {
-    /// OpModes; none for a device without DC.
+    /// OpModes; empty for a device without DC.
     pub fn op_modes(&self) -> &[dc::EsiOpMode] {
         self.dc.as_ref().map_or(&[], |dc| &dc.op_modes)
     }
 
-    /// The process data by default or in one of its OpModes; of a modular device those of the
-    /// modules only if it [has them](super::EsiFile::fitted).
+    /// The process data by default or in one of its OpModes; those of modules are included only if
+    /// they are [fitted](super::EsiFile::fitted).
     pub fn image(&self, mode: Option<&dc::EsiOpMode>) -> Image {
         // The doubts were noted when the device was read.
         image::default(self, &self.pdos, mode, &mut Warnings::default())
     }
 }
 
-/// Reads a device. `groups` are the names of the file's groups by type; `left`: how many entries of dictionaries the
-/// file may still have.
+/// Reads a device. `groups` are the names of the file's groups by type; `left` is the number of
+/// dictionary entries that the file may still have.
 pub(super) fn read<'a>(
     element: Element<'a>,
     groups: &HashMap<String, String>,
@@ -175,7 +177,7 @@ pub(super) fn read<'a>(
     Ok(device)
 }
 
-/// Only an SII has it: one that can't be read is left out.
+/// The current is used only for an SII, so an unreadable one is left out.
 fn ebus_current(device: Element<'_>, warnings: &mut Warnings) -> Option<i16> {
     let info = device.child("Info")?.child("Electrical")?;
     let range = i16::MIN.into()..=i16::MAX.into();
@@ -183,7 +185,7 @@ fn ebus_current(device: Element<'_>, warnings: &mut Warnings) -> Option<i16> {
     current.map(|ma| ma as i16)
 }
 
-/// What is doubtful about the letters of the ports.
+/// A doubt about the letters of the ports.
 fn strange_ports(letters: &str) -> Option<String> {
     if letters.trim().is_empty() {
         return Some("no port at all; two MII ports are assumed".to_owned());
@@ -207,7 +209,7 @@ fn fmmus(device: Element<'_>) -> Vec<u8> {
     uses.take(16).collect()
 }
 
-/// Contradictions between parts of a device.
+/// Warns of contradictions between parts of a device.
 fn check(device: &mut EsiDevice, w: &mut Warnings) {
     let mut seen = HashSet::new();
     let mut twice = None;
@@ -260,7 +262,7 @@ fn check(device: &mut EsiDevice, w: &mut Warnings) {
     }
 }
 
-/// Doubts about the process data that are assigned by default.
+/// Warns of doubts about the process data that are assigned by default.
 pub(super) fn check_image(device: &EsiDevice, pdos: &[EsiPdo], w: &mut Warnings) {
     let image = image::default(device, pdos, None, w);
     for (direction, size) in
@@ -307,7 +309,7 @@ pub(super) fn check_image(device: &EsiDevice, pdos: &[EsiPdo], w: &mut Warnings)
     }
 }
 
-/// MII, EBUS, MII with fast hot connect, EBUS as old files have it, no port.
+/// MII, EBUS, MII with fast hot connect, EBUS in old files, no port.
 const PHYSICS: [char; 5] = ['Y', 'K', 'H', 'B', ' '];
 /// Bits 2 to 4 of 0x1C32:04: SYNC0, SYNC1, subordinated.
 const DC_BITS: u64 = 0x1C;

@@ -1,7 +1,8 @@
-//! The object dictionary: data types with their structure, objects with their defaults, put together.
+//! The object dictionary, assembled from data types with their structure and objects with their
+//! defaults.
 //!
-//! Sub-indices and bit offsets stand in the data type, values in the object. They are matched by name
-//! where every name agrees, else by order. An object that can't be put together is left out with a
+//! Sub-indices and bit offsets are in the data type, values in the object. They are matched by name
+//! if every name agrees, or else by order. An object that cannot be assembled is left out with a
 //! warning; the others stay.
 
 use std::borrow::Cow;
@@ -19,17 +20,17 @@ use super::warning::{WarningKind, Warnings};
 /// An object.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct EsiObject {
-    /// Byte of the text at which it stands.
+    /// Byte offset in the text.
     pub at: usize,
     /// Index.
     pub index: u16,
-    /// By what its index grows, for an object of a module.
+    /// Increments of its index, for an object of a module.
     pub follows: Follows,
     /// Name.
     pub name: String,
     /// VAR, ARRAY or RECORD.
     pub code: ObjectCode,
-    /// Type of the object; of a RECORD its first entry's.
+    /// Type of the object; for a RECORD that of its first entry.
     pub data_type: DataType,
     /// Entries, ascending.
     pub entries: Vec<EsiEntry>,
@@ -46,43 +47,43 @@ pub struct EsiEntry {
     pub data_type: DataType,
     /// Bits.
     pub bits: u16,
-    /// Bit at which complete access has it.
+    /// Bit offset in complete access.
     pub offset: u32,
     /// Rights.
     pub access: Access,
-    /// Value after power-on: as many bytes as `bits` need, or none for zeros.
+    /// Value after power-on: as many bytes as `bits` need, or empty for zeros.
     pub default: Vec<u8>,
 }
 
-/// What `Profile` says.
+/// The content of `Profile`.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct EsiProfile {
-    /// Number of the device profile: 402 for drives, 5001 for modular devices. Without one of the whole device,
-    /// that of its first channel.
+    /// Number of the device profile: 402 for drives, 5001 for modular devices. If the device has
+    /// none, that of its first channel.
     pub number: Option<u16>,
     /// Numbers of the profiles of its channels (`ChannelInfo`), in the order of the file.
     pub channels: Vec<u16>,
-    /// A dictionary stands in the file.
+    /// Whether the file has a dictionary.
     pub has_dictionary: bool,
     /// Objects, ascending by index.
     pub objects: Vec<EsiObject>,
 }
 
 impl EsiProfile {
-    /// It is a drive (CiA 402), or one of its channels is.
+    /// Whether it or one of its channels is a drive (CiA 402).
     pub fn is_drive(&self) -> bool {
         self.number == Some(DRIVE) || self.channels.contains(&DRIVE)
     }
 }
 
-/// Reads the profiles of a device. The first dictionary counts.
+/// Reads the profiles of a device. The first dictionary is used.
 pub(super) fn read(
     device: Element<'_>,
     left: &mut usize,
     warnings: &mut Warnings,
 ) -> Result<EsiProfile, Problem> {
     let mut found = EsiProfile::default();
-    // The high half tells more about some profiles (402 with the type of drive).
+    // The high half has details of some profiles (402 with the type of drive).
     let mut number = |of| Ok(read::child(of, "ProfileNo", U32, warnings)?.map(|no| no as u16));
     for profile in device.children("Profile") {
         found.number = found.number.or(number(profile)?);
@@ -170,7 +171,7 @@ fn objects(dictionary: Element<'_>, left: &mut usize, warnings: &mut Warnings) -
     all
 }
 
-/// An object as the file names it.
+/// The name of an object for messages.
 fn named(element: Element<'_>) -> String {
     match element.child_text("Index").as_ref() {
         "" => "an object without Index".to_owned(),
@@ -293,7 +294,7 @@ fn object(
     })
 }
 
-/// The entries of a structure; arrays in it are spread out.
+/// The entries of a structure, with its arrays expanded.
 fn entries(
     structure: &TypeDefinition<'_>,
     types: &Types<'_>,
@@ -327,7 +328,7 @@ fn entries(
             continue;
         };
         code = ObjectCode::ARRAY;
-        // An array from 0 counts sub-index 0 as the first, which stands before it.
+        // An array from 0 includes sub-index 0, which is a separate entry before it.
         let first = array.first.max(1);
         let last = first + array.count;
         if array.count == 0 || last > 256 || item.bits % array.count != 0 {
@@ -385,7 +386,7 @@ fn defaults(info: Element<'_>, index: u16, entries: &mut [EsiEntry], warnings: &
     }
 }
 
-/// The value that `Info` gives an entry; empty for none, and for one that can't be read.
+/// The value of an entry in `Info`; empty if there is none or it cannot be read.
 fn default(info: Element<'_>, index: u16, entry: &EsiEntry, warnings: &mut Warnings) -> Vec<u8> {
     let length = usize::from(entry.bits.div_ceil(8));
     for child in info.elements() {
@@ -435,7 +436,7 @@ fn real(text: &str, length: usize) -> Option<Vec<u8>> {
     }
 }
 
-/// The definition behind a name, through types that only rename another.
+/// The definition of a name, through types that only rename another.
 fn resolve<'t, 'a>(
     name: &str,
     types: &'t Types<'a>,
@@ -454,7 +455,7 @@ fn resolve<'t, 'a>(
     Err(Problem::new(at, format!("the type \"{}\" goes through too many others", cut(name))))
 }
 
-/// The type of a single value: by its name, else by its bits.
+/// The type of a single value: by its name, or else by its bits.
 fn primitive(
     name: &str,
     types: &Types<'_>,
@@ -515,7 +516,7 @@ pub(super) fn by_name(name: &str, bits: u32) -> Option<DataType> {
     (bits == 0 || kind.bits().is_none_or(|own| u32::from(own) == bits)).then_some(kind)
 }
 
-/// A type of so many bits.
+/// A type with this number of bits.
 pub(super) fn by_bits(bits: u32) -> DataType {
     match bits {
         1..=8 => DataType(DataType::BIT1.0 + bits as u16 - 1),
@@ -527,7 +528,7 @@ pub(super) fn by_bits(bits: u32) -> DataType {
     }
 }
 
-/// `Flags`: who may read and write, and in which direction it can be mapped.
+/// `Flags`: access rights, and directions of mapping.
 fn access(flags: Element<'_>) -> Result<Access, Problem> {
     let mut access = Access(0);
     for child in flags.elements() {
@@ -585,7 +586,7 @@ fn states(restriction: &str, at: usize) -> Result<u16, Problem> {
     Ok(if bits == 0 { 7 } else { bits })
 }
 
-/// A number that has no odd forms in these places; doubled prefixes are refused.
+/// A number that has no unusual forms in these places; doubled prefixes are refused.
 fn small(element: Element<'_>, most: u32) -> Result<u32, Problem> {
     let text = element.text();
     let found = number(&text).filter(|number| !number.doubled_prefix).map(|number| number.value);

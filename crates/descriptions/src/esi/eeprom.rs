@@ -1,4 +1,4 @@
-//! What the file says about the EEPROM.
+//! The file's description of the EEPROM.
 
 use isocat_wire::sii::{HEADER_LEN, MailboxArea};
 
@@ -9,20 +9,20 @@ use super::warning::{WarningKind, Warnings};
 /// `Device/Eeprom`.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct EsiEeprom {
-    /// Bytes of the memory.
+    /// Size in bytes.
     pub byte_size: usize,
-    /// Words 0 to 6 of the SII: PDI, SYNC pins, pulse length (word 2, in 10 ns), alias. `None` if the file
-    /// has none.
+    /// Words 0 to 6 of the SII: PDI, SYNC pins, pulse length (word 2, in 10 ns), alias. `None` if
+    /// the file has none.
     pub configuration: Option<[u8; 14]>,
     /// Mailboxes of BOOT, receive and send.
     pub boot: Option<(MailboxArea, MailboxArea)>,
-    /// The whole image (`Data`), where the file has it.
+    /// The whole image (`Data`), if the file has it.
     pub image: Option<Vec<u8>>,
     /// Further categories of the SII: type and bytes.
     pub categories: Vec<(u16, Vec<u8>)>,
 }
 
-/// Reads it.
+/// Reads the description of the EEPROM.
 pub(super) fn read(
     device: Element<'_>,
     warnings: &mut Warnings,
@@ -47,7 +47,7 @@ pub(super) fn read(
         let mut words = [0; 14];
         let used = data.len().min(words.len());
         words[..used].copy_from_slice(&data[..used]);
-        // What follows the pulse length may well be left to zeros.
+        // The words after the pulse length are often omitted and become zeros.
         if data.len() < WITH_PULSE_LENGTH || data.len() > words.len() || data.len() % 2 != 0 {
             let at = place.map_or(element.at(), Element::at);
             warnings.add(WarningKind::ConfigDataLength, at, || {
@@ -71,17 +71,17 @@ pub(super) fn read(
     };
     let mut categories = Vec::new();
     for category in element.children("Category") {
-        // Nothing but an image needs them: one that can't be read is left out.
+        // Only an image needs these categories, so an unreadable one is left out.
         let kind = read::child(category, "CatNo", U16, warnings).unwrap_or(None);
         let data = read::bytes(category, "Data").unwrap_or(None);
         categories.extend(kind.map(|kind| (kind as u16, data.unwrap_or_default())));
     }
-    // What is too short for the header is no image; its first words count all the same.
+    // A shorter one is no image, but its first words are used.
     let image = image.filter(|image| image.len() >= HEADER_LEN);
     Ok(Some(EsiEeprom { byte_size, configuration, boot, image, categories }))
 }
 
-/// `Info/StateMachine/Timeout` and `Info/Mailbox/Timeout`, in ms; `None` where the file is silent.
+/// `Info/StateMachine/Timeout` and `Info/Mailbox/Timeout`, in ms; `None` if not stated.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct EsiTimeouts {
     /// INIT to PREOP.
@@ -92,11 +92,11 @@ pub struct EsiTimeouts {
     pub back_to_init: Option<u32>,
     /// Back to SAFEOP.
     pub back_to_safeop: Option<u32>,
-    /// Mailbox, until the request is taken.
+    /// Mailbox, until the request is accepted.
     pub request: Option<u32>,
-    /// Mailbox, until the answer is there.
+    /// Mailbox, until the answer arrives.
     pub response: Option<u32>,
-    /// SAFEOP is entered before SYNC pulses come.
+    /// Whether SAFEOP is entered before SYNC pulses come.
     pub safeop_without_sync: bool,
 }
 
@@ -138,5 +138,5 @@ fn child_ms(
 
 /// Words 0 to 2.
 const WITH_PULSE_LENGTH: usize = 6;
-/// A day: nobody waits longer.
+/// A day, longer than any practical timeout.
 const LONGEST_MS: i64 = 86_400_000;

@@ -1,5 +1,5 @@
-//! A device with modules in its slots, as one device: what the modules bring stands among its own, with the indices
-//! of their places.
+//! A device with modules in its slots, as one device that includes their parts with the indices of
+//! their places.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashSet};
@@ -17,7 +17,7 @@ use super::slots::{EsiPlace, EsiSlots, Follows};
 use super::warning::{WarningKind, Warnings};
 use super::{EsiFile, read};
 
-/// A module that stands in a device.
+/// A module in a device.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct FittedModule {
     /// Number of its place, from 0.
@@ -26,22 +26,22 @@ pub struct FittedModule {
     pub ident: u32,
     /// Its type.
     pub type_name: String,
-    /// OpModes of the device that it is for, by name; none for all of them.
+    /// Names of the OpModes for which it is made; empty for all of them.
     pub op_modes: Vec<String>,
 }
 
 impl EsiFile {
-    /// A device with modules in its slots. Their PDOs, downloads and objects stand among its own,
-    /// [`EsiDevice::modules`] says which they are, and it has no [`EsiDevice::slots`] any more.
+    /// A device with modules in its slots. It includes their PDOs, downloads and objects,
+    /// [`EsiDevice::modules`] lists them, and it has no [`EsiDevice::slots`] any more.
     ///
-    /// `modules` has each place once, ascending, as [`EsiFile::choose_modules`] gives them.
+    /// `modules` has each place once, ascending, as [`EsiFile::choose_modules`] returns them.
     pub fn fitted(&self, device: &EsiDevice, modules: &[ModuleAt<'_>]) -> EsiDevice {
         let mut warnings = Warnings::default();
         let fitted = fit(device, modules, &mut warnings);
         self.with_warnings(device, fitted, warnings)
     }
 
-    /// The same with the modules that stand there by default; a device without slots as it is.
+    /// The same with the default modules; a device without slots is unchanged.
     pub fn with_default_modules<'d>(&self, device: &'d EsiDevice) -> Cow<'d, EsiDevice> {
         let Some(slots) = &device.slots else { return Cow::Borrowed(device) };
         let mut warnings = Warnings::default();
@@ -50,7 +50,7 @@ impl EsiFile {
         Cow::Owned(self.with_warnings(device, fitted, warnings))
     }
 
-    /// What was doubtful about the default modules makes room for what is about these.
+    /// Replaces the doubts about the default modules by those about these modules.
     fn with_warnings(
         &self,
         device: &EsiDevice,
@@ -93,7 +93,7 @@ fn fit(device: &EsiDevice, modules: &[ModuleAt<'_>], w: &mut Warnings) -> EsiDev
         let writes = object.is_some_and(|object| object.entries.iter().any(is_written));
         if !listed && (slots.download_idents || writes) {
             let list = configured(slots, object, &idents);
-            // What the modules' own downloads write exists once the list is there.
+            // The objects for the modules' own downloads exist after the list is written.
             coe.commands.splice(0..0, list);
         }
         detect(&mut fitted.profile.objects, slots, &idents);
@@ -108,7 +108,7 @@ fn placed<'p>(slots: &'p EsiSlots, modules: &[ModuleAt<'p>]) -> Vec<(EsiPlace<'p
     modules.iter().filter_map(find).collect()
 }
 
-/// Where a thing of a module stands in the text of the device's file.
+/// Place of a module's part in the text of the device's file.
 fn place_of(module: &EsiModule, place: EsiPlace<'_>, at: usize) -> usize {
     match module.file {
         Some(_) => place.slot.at,
@@ -157,7 +157,7 @@ pub(super) fn pdos(
     grouped(groups, slots, &mut taken, w)
 }
 
-/// One group behind the other, with what fills the room before each.
+/// The groups in their order, each with its padding before.
 fn grouped(
     groups: BTreeMap<u16, Vec<EsiPdo>>,
     slots: &EsiSlots,
@@ -250,8 +250,9 @@ fn commands(
     all
 }
 
-/// The objects of modules among those of the device, ascending. What a module says of an object goes before what the
-/// device says, which may be there for tools that know no modules; but the device communicates as it says itself.
+/// Merges the objects of modules into those of the device, ascending. The module's definition of an
+/// object takes precedence over that of the device, which may be for tools without support of
+/// modules. The communication area stays that of the device.
 fn add_objects(
     all: &mut Vec<EsiObject>,
     placed: &[(EsiPlace<'_>, &EsiModule)],
@@ -300,7 +301,7 @@ fn take(room: &mut usize, bytes: usize, at: usize, w: &mut Warnings) -> bool {
     true
 }
 
-/// The idents by place, from the first place to the last that has a module; 0 for an empty one.
+/// The idents by place, up to the last place with a module; 0 for an empty one.
 fn idents(modules: &[ModuleAt<'_>]) -> Vec<u32> {
     let length = modules.iter().map(|at| usize::from(at.place) + 1).max().unwrap_or(0);
     let mut idents = vec![0; length];
@@ -314,7 +315,7 @@ fn is_written(entry: &EsiEntry) -> bool {
     entry.sub > 0 && entry.access.has_any(Access::WRITE)
 }
 
-/// The downloads of the list of modules: its entries, then their number where that can be written.
+/// The downloads of the list of modules: its entries, then their number if it can be written.
 fn configured(slots: &EsiSlots, object: Option<&EsiObject>, idents: &[u32]) -> Vec<InitCommand> {
     let command = |sub, data| InitCommand {
         at: slots.at,
@@ -335,7 +336,8 @@ fn configured(slots: &EsiSlots, object: Option<&EsiObject>, idents: &[u32]) -> V
     all
 }
 
-/// What the device finds in its slots: the modules that stand there. A device that takes a list has one to compare it with.
+/// Sets the modules that the device detects in its slots. A device with a configured list also
+/// needs the detected one.
 fn detect(objects: &mut Vec<EsiObject>, slots: &EsiSlots, idents: &[u32]) {
     let place = objects.partition_point(|object| object.index < DETECTED);
     let known = objects.get_mut(place).filter(|object| object.index == DETECTED);
@@ -382,15 +384,16 @@ fn detected(at: usize, idents: &[u32]) -> EsiObject {
     }
 }
 
-/// Where the communication area of the dictionary ends.
+/// End of the communication area of the dictionary.
 const MANUFACTURERS: u16 = 0x2000;
 /// Configured Module Ident List (ETG.5001).
 const CONFIGURED: u16 = 0xF030;
 /// Detected Module Ident List.
 const DETECTED: u16 = 0xF050;
-/// Far above what the 254 sub-indices of a mapping can hold.
+/// Far above the 254 sub-indices of a mapping.
 const MOST_ENTRIES: usize = 4_096;
-/// Objects and downloads of the modules of a device; the largest known coupler, full, has less than 1 MB.
+/// Limit of the objects and downloads of a device's modules; the largest known coupler, full, has
+/// less than 1 MB.
 const MOST_BYTES: usize = 16 << 20;
-/// What an entry or a download takes beside its value.
+/// Size of an entry or a download without its value.
 const ENTRY: usize = 128;

@@ -1,4 +1,4 @@
-//! The process data that a device has by default, or in one of its OpModes.
+//! The process data of a device by default, or in one of its OpModes.
 
 use super::dc::EsiOpMode;
 use super::device::EsiDevice;
@@ -6,17 +6,18 @@ use super::pdo::{Direction, EsiPdo};
 use super::sync_manager::Purpose;
 use super::warning::{WarningKind, Warnings};
 
-/// The process data of a device: PDOs by SyncManager, ascending, each list in the order of the process data.
+/// The process data of a device: PDOs by SyncManager, ascending, each list in the order of the
+/// process data.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Image {
-    /// By SyncManager number: what the MainDevice sends.
+    /// Process data from the MainDevice, by SyncManager number.
     pub outputs: Vec<(u8, Vec<EsiPdo>)>,
-    /// By SyncManager number: what the device sends.
+    /// Process data to the MainDevice, by SyncManager number.
     pub inputs: Vec<(u8, Vec<EsiPdo>)>,
 }
 
 impl Image {
-    /// Whether there are no process data at all.
+    /// Whether there are no process data.
     pub fn is_empty(&self) -> bool {
         self.all().next().is_none()
     }
@@ -45,7 +46,8 @@ impl Image {
     }
 }
 
-/// The default image of a device with these PDOs; `mode` replaces the assignment of the SyncManagers that it names.
+/// The default image of a device with these PDOs; `mode` replaces the assignment of the
+/// SyncManagers that it names.
 pub(super) fn default(
     device: &EsiDevice,
     known: &[EsiPdo],
@@ -78,7 +80,7 @@ pub(super) fn default(
         for (index, factor) in &assignment.pdos {
             match known.iter().find(|pdo| pdo.index == *index && pdo.direction == direction) {
                 Some(pdo) => {
-                    // The OpMode's factor takes the place of the PDO's own.
+                    // The OpMode's factor replaces the PDO's own.
                     let factor = factor.unwrap_or(pdo.oversampling);
                     image.push(direction, number, oversampled(pdo, factor));
                 }
@@ -91,13 +93,14 @@ pub(super) fn default(
     image
 }
 
-/// A PDO whose entries repeat `factor` times, each with its own index.
+/// A PDO with its entries repeated `factor` times, each with a separate index.
 fn oversampled(pdo: &EsiPdo, factor: u16) -> EsiPdo {
     let mut pdo = pdo.clone();
     if factor > 1 {
         let one = std::mem::take(&mut pdo.entries);
         for number in 0..factor {
-            // What does not fit into any mapping is refused by its count; more need not be counted.
+            // A PDO that exceeds every mapping is refused by its count, so counting further is
+            // useless.
             if pdo.entries.len() > MOST_ENTRIES {
                 break;
             }
@@ -122,5 +125,5 @@ fn direction(device: &EsiDevice, number: u8) -> Option<Direction> {
     }
 }
 
-/// Far above what the 254 sub-indices of a mapping can hold.
+/// Far above the 254 sub-indices of a mapping.
 const MOST_ENTRIES: usize = 4_096;

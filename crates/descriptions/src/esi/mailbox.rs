@@ -1,4 +1,4 @@
-//! The mailbox: which protocols, and what is to be written at start.
+//! The mailbox: its protocols, and the writes at start.
 
 use std::ops::RangeInclusive;
 
@@ -13,13 +13,13 @@ use super::warning::Warnings;
 /// `Device/Mailbox`.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct EsiMailbox {
-    /// Repeats a lost answer on request (`DataLinkLayer`).
+    /// Whether it repeats a lost answer on request (`DataLinkLayer`).
     pub repeats: bool,
     /// Protocols in the bits of SII word 0x1C: 0 AoE, 1 EoE, 2 CoE, 3 FoE, 4 SoE, 5 VoE.
     pub protocols: u16,
-    /// CoE, if it has it.
+    /// CoE, if supported.
     pub coe: Option<EsiCoe>,
-    /// SoE, if it has it.
+    /// SoE, if supported.
     pub soe: Option<EsiSoe>,
     /// `InitCmd`s of the other protocols, in order. Their content is not read.
     pub further: Vec<FurtherCommand>,
@@ -28,7 +28,7 @@ pub struct EsiMailbox {
 /// An `InitCmd` of AoE, EoE, FoE or VoE.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct FurtherCommand {
-    /// Byte of the text at which it stands.
+    /// Byte offset in the text.
     pub at: usize,
     /// Name of the protocol, such as `EoE`.
     pub protocol: String,
@@ -39,7 +39,7 @@ pub struct FurtherCommand {
 /// `Mailbox/SoE`.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct EsiSoe {
-    /// Number of drives (`ChannelCount`); 1 if it is not told.
+    /// Number of drives (`ChannelCount`); 1 if it is not stated.
     pub drives: u8,
     /// Values of parameters at start, in order.
     pub commands: Vec<IdnCommand>,
@@ -48,34 +48,34 @@ pub struct EsiSoe {
 /// `InitCmd` of SoE: a parameter of a drive that a MainDevice writes at a transition.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct IdnCommand {
-    /// Byte of the text at which it stands.
+    /// Byte offset in the text.
     pub at: usize,
     /// Transitions such as `PS`, as written.
     pub transitions: Vec<String>,
-    /// Which drive (`Chn`), 0 to 7.
+    /// Number of the drive (`Chn`), 0 to 7.
     pub drive: u8,
-    /// What is written.
+    /// The parameter.
     pub idn: Idn,
-    /// Bytes in the order of the wire; a list with its lengths in front.
+    /// Bytes in wire order; a list begins with its lengths.
     pub data: Vec<u8>,
-    /// What it is.
+    /// Description.
     pub comment: String,
 }
 
 /// `Mailbox/CoE`.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct EsiCoe {
-    /// Describes its objects.
+    /// Whether it describes its objects.
     pub sdo_info: bool,
-    /// 0x1C12 and 0x1C13 can be written.
+    /// Whether 0x1C12 and 0x1C13 can be written.
     pub pdo_assign: bool,
-    /// Mapping objects can be written.
+    /// Whether mapping objects can be written.
     pub pdo_config: bool,
-    /// The mapping must be read from the device.
+    /// Whether the mapping must be read from the device.
     pub pdo_upload: bool,
-    /// Transfers whole objects.
+    /// Whether it transfers whole objects.
     pub complete_access: bool,
-    /// Transfers in segments.
+    /// Whether it transfers in segments.
     pub segmented_sdo: bool,
     /// Downloads at start, in order.
     pub commands: Vec<InitCommand>,
@@ -84,19 +84,19 @@ pub struct EsiCoe {
 /// `InitCmd`: a download that a MainDevice makes at a transition.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct InitCommand {
-    /// Byte of the text at which it stands.
+    /// Byte offset in the text.
     pub at: usize,
     /// Transitions such as `PS`, as written.
     pub transitions: Vec<String>,
-    /// What is written.
+    /// The entry.
     pub object: ObjectAddress,
-    /// By what the index of that grows.
+    /// Increments of its index.
     pub follows: Follows,
-    /// Bytes in the order of the wire.
+    /// Bytes in wire order.
     pub data: Vec<u8>,
-    /// The whole object is written.
+    /// Whether the whole object is written.
     pub complete_access: bool,
-    /// The tool that configures replaces the value.
+    /// Whether the configuration tool replaces the value.
     pub adapts: bool,
 }
 

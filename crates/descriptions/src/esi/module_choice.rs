@@ -1,31 +1,31 @@
-//! Which module stands at which place: what a user wishes, held against what the slots take.
+//! Selection of modules: the user's wishes, compared with the slots.
 
 use super::modules::{EsiModule, ModuleAt};
 use super::slots::{EsiPlace, EsiSlot};
 use super::{EsiDevice, EsiFile};
 use crate::document::name_hint;
 
-/// A module, or several of one kind, that a user wishes for.
+/// A wish for a module, or for several of one kind.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ModuleWish<'a> {
-    /// Where the first stands; `None` for the place behind the wish before.
+    /// Place of the first one; `None` for the place after the previous wish.
     pub slot: Option<SlotName<'a>>,
     /// The module; `None` leaves the place empty.
     pub module: Option<ModuleName<'a>>,
-    /// How many, one behind the other; at least 1.
+    /// Number of consecutive modules; at least 1.
     pub count: usize,
 }
 
-/// What a place is called by.
+/// The name of a place.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SlotName<'a> {
     /// Its number from 0, through all slots.
     Place(usize),
-    /// Name of a slot: its first place that nothing was said of.
+    /// Name of a slot: its first place without a wish.
     Name(&'a str),
 }
 
-/// What a module is called by.
+/// The name of a module.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ModuleName<'a> {
     /// Type name.
@@ -45,14 +45,14 @@ pub enum WishPart {
     Count,
 }
 
-/// Why modules can't be put in as wished.
+/// Why the modules cannot be fitted as wished.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct NoModule {
-    /// The wish that is to blame, by its number from 0, and which part of it; `None` for all together.
+    /// The failing wish, by its number from 0, and its failing part; `None` for all together.
     pub blame: Option<(usize, WishPart)>,
-    /// What was asked for, and what is possible.
+    /// The request, and the possible values.
     pub message: String,
-    /// What may have been meant.
+    /// A suggestion.
     pub hint: Option<String>,
 }
 
@@ -63,7 +63,8 @@ impl NoModule {
 }
 
 impl EsiFile {
-    /// The modules of a device as wished, by place. They replace the default: a place that is not wished for stays empty.
+    /// The wished modules of a device, by place. They replace the default: a place without a wish
+    /// stays empty.
     pub fn choose_modules(
         &self,
         device: &EsiDevice,
@@ -105,7 +106,7 @@ impl EsiFile {
             .collect())
     }
 
-    /// Some of the modules that a slot takes, in words; `None` if the file has none.
+    /// Some of the modules that fit a slot, in words; `None` if the file has none.
     fn fitting(&self, slot: &EsiSlot) -> Option<String> {
         let all = self.modules.iter().filter(|module| slot.takes(module));
         let all: Vec<_> = all.map(|module| format!("\"{}\"", plain(&module.type_name))).collect();
@@ -119,7 +120,7 @@ impl EsiFile {
         }
     }
 
-    /// The files that this one refers to, which may have what is missing.
+    /// The files to which this one refers; they may contain the missing module.
     fn elsewhere(&self) -> Option<String> {
         let reference = self.references.first()?;
         Some(format!(
@@ -128,16 +129,16 @@ impl EsiFile {
     }
 }
 
-/// What has been put in so far.
+/// The selection so far.
 struct Choice<'f, 'p> {
     file: &'f EsiFile,
     places: &'p [EsiPlace<'p>],
-    /// By place: `None` if nothing was said of it, else the module or that it stays empty.
+    /// By place: `None` without a wish, otherwise the module, or that it stays empty.
     filled: Vec<Option<Option<&'f EsiModule>>>,
 }
 
 impl<'f> Choice<'f, '_> {
-    /// Fulfils a wish; gives the place behind it.
+    /// Fulfils a wish; returns the place after it.
     fn put(
         &mut self,
         number: usize,
@@ -210,7 +211,7 @@ impl<'f> Choice<'f, '_> {
         }
     }
 
-    /// The module of a name that fits a place.
+    /// The module with this name that fits a place.
     fn module(
         &self,
         number: usize,
@@ -223,7 +224,7 @@ impl<'f> Choice<'f, '_> {
             ModuleName::Ident(ident) => module.ident == ident,
         };
         let mut meant: Vec<&EsiModule> = self.file.modules.iter().filter(is_meant).collect();
-        // A module that two files have is one; the first counts.
+        // A module in two files counts once; the first is used.
         let mut seen = Vec::new();
         meant.retain(|module| {
             let new = !seen.contains(&module.ident);
@@ -281,7 +282,7 @@ impl<'f> Choice<'f, '_> {
     }
 }
 
-/// A slot as people know it.
+/// The name of a slot for people.
 fn named(slot: &EsiSlot) -> String {
     format!("\"{}\"", plain(&slot.name))
 }
@@ -290,10 +291,10 @@ fn modules(count: usize) -> String {
     format!("{count} module{}", if count == 1 { "" } else { "s" })
 }
 
-/// A text with single blanks: files have names with line breaks and rows of blanks in them.
+/// A text with single blanks: some files have names with line breaks and repeated blanks.
 fn plain(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Of a long list no more is told.
+/// Largest number of names in a message.
 const MOST_NAMED: usize = 8;

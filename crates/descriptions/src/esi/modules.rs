@@ -10,11 +10,11 @@ use super::warning::Warnings;
 /// `Modules/Module`.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct EsiModule {
-    /// Byte of the text at which it stands; [`EsiModule::file`] says of which.
+    /// Byte offset in the text of the file in [`EsiModule::file`].
     pub at: usize,
-    /// The file that it stands in, if that is another one than the device's.
+    /// Its file, if that is another one than the device's.
     pub file: Option<String>,
-    /// Maker, as the file has it.
+    /// Vendor id, as in the file.
     pub vendor_id: u32,
     /// `Type@ModuleIdent`.
     pub ident: u32,
@@ -24,7 +24,7 @@ pub struct EsiModule {
     pub type_name: String,
     /// Name.
     pub name: String,
-    /// Number of the group in which its process data lie (`Type@ModulePdoGroup`).
+    /// Number of the group with its process data (`Type@ModulePdoGroup`).
     pub pdo_group: u16,
     /// Its process data.
     pub pdos: Vec<EsiPdo>,
@@ -32,7 +32,7 @@ pub struct EsiModule {
     pub commands: Vec<InitCommand>,
     /// Its objects.
     pub objects: Vec<EsiObject>,
-    /// OpModes of the device that it is for (`DcOpModeName`), by name; none for all of them.
+    /// Names of the OpModes for which it is made (`DcOpModeName`); empty for all of them.
     pub op_modes: Vec<String>,
 }
 
@@ -45,8 +45,8 @@ pub struct ModuleAt<'m> {
     pub module: &'m EsiModule,
 }
 
-/// Reads the modules below `Modules`; one that can't be read goes to `refused`. `left`: how many entries of
-/// dictionaries the file may still have.
+/// Reads the modules below `Modules`; one that cannot be read goes to `refused`. `left` is the
+/// number of dictionary entries that the file may still have.
 pub(super) fn modules(
     list: Element<'_>,
     vendor_id: u32,

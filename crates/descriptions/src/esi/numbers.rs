@@ -1,4 +1,4 @@
-//! Numbers and flags as descriptions write them.
+//! Numbers and flags in the notation of descriptions.
 
 /// A number and whether its prefix was doubled (`#x0x6041`).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -7,7 +7,7 @@ pub(super) struct Number {
     pub doubled_prefix: bool,
 }
 
-/// Reads `#x`, `#X`, `0x`, `0X` or signed decimal with leading zeros; `None` if it is none of them.
+/// Reads `#x`, `#X`, `0x`, `0X` or signed decimal with leading zeros; `None` for other texts.
 pub(super) fn number(text: &str) -> Option<Number> {
     let text = text.trim();
     let (negative, digits) = match text.strip_prefix('-') {
@@ -28,7 +28,7 @@ fn after_prefix(text: &str) -> Option<&str> {
     ["#x", "#X", "0x", "0X"].iter().find_map(|prefix| text.strip_prefix(prefix))
 }
 
-/// Digits alone: the library would take a second sign.
+/// Reads digits only: the library would accept a second sign.
 fn from_digits(digits: &str, radix: u32) -> Option<i64> {
     let right = !digits.is_empty() && digits.bytes().all(|byte| char::from(byte).is_digit(radix));
     if right { i64::from_str_radix(digits, radix).ok() } else { None }
@@ -43,7 +43,7 @@ pub(super) fn flag(text: &str) -> Option<bool> {
     }
 }
 
-/// Hex bytes, with white space between them or not; `None` for anything else.
+/// Hex bytes with or without white space; `None` for other texts.
 pub(super) fn hex_bytes(text: &str) -> Option<Vec<u8>> {
     let mut bytes = Vec::with_capacity(text.len() / 2);
     let mut high = None;

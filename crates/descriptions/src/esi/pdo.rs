@@ -1,4 +1,4 @@
-//! PDOs and their entries, as the file has them.
+//! PDOs and their entries, as in the file.
 
 use std::collections::HashMap;
 
@@ -9,7 +9,7 @@ use super::slots::{self, Follows};
 use super::tree::{Element, Problem};
 use super::warning::{WarningKind, Warnings};
 
-/// Which way process data go.
+/// Direction of process data.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Direction {
     /// RxPDO: MainDevice to SubDevice.
@@ -21,27 +21,27 @@ pub enum Direction {
 /// `RxPdo` or `TxPdo`.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct EsiPdo {
-    /// Byte of the text at which it stands.
+    /// Byte offset in the text.
     pub at: usize,
-    /// Which way.
+    /// Its direction.
     pub direction: Direction,
     /// Index of its mapping object.
     pub index: u16,
-    /// By what its index grows.
+    /// Increments of its index.
     pub follows: Follows,
     /// Name.
     pub name: String,
-    /// SyncManager that it is assigned to by default.
+    /// SyncManager to which it is assigned by default.
     pub sync_manager: Option<u8>,
-    /// Entries can't be changed.
+    /// Whether its entries cannot be changed.
     pub fixed: bool,
-    /// Must stay assigned.
+    /// Whether it must stay assigned.
     pub mandatory: bool,
-    /// PDOs that may not be assigned beside it.
+    /// PDOs that must not be assigned together with it.
     pub exclude: Vec<u16>,
-    /// How often its entries repeat by default; 0 if it does not oversample.
+    /// Default number of repetitions of its entries; 0 without oversampling.
     pub oversampling: u16,
-    /// From the index of an entry to that of its next repetition.
+    /// Index distance of an entry and its next repetition.
     pub oversampling_step: u16,
     /// Entries in order.
     pub entries: Vec<EsiPdoEntry>,
@@ -50,13 +50,13 @@ pub struct EsiPdo {
 /// `Entry` of a PDO.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct EsiPdoEntry {
-    /// Byte of the text at which it stands.
+    /// Byte offset in the text.
     pub at: usize,
-    /// What it maps; `None` for padding.
+    /// The mapped object; `None` for padding.
     pub object: Option<ObjectAddress>,
-    /// By what the index of that grows.
+    /// Increments of its index.
     pub follows: Follows,
-    /// Bits in the process data: they count, whatever the type is called.
+    /// Bits in the process data; they are used, whatever the type's name is.
     pub bits: u16,
     /// Name.
     pub name: String,
@@ -71,19 +71,19 @@ impl EsiPdo {
     }
 }
 
-/// `Pdos/Pdo`: what old files define once and refer to.
+/// `Pdos/Pdo`: definitions that old files make once and refer to.
 #[derive(Default)]
 pub(super) struct Definitions<'a>(HashMap<&'a str, Element<'a>>);
 
 impl<'a> Definitions<'a> {
-    /// Those of a file.
+    /// The definitions of a file.
     pub fn of(descriptions: Element<'a>) -> Self {
         let list = descriptions.child("Pdos");
         let pdos = list.iter().flat_map(|list| list.children("Pdo"));
         Self(pdos.filter_map(|pdo| Some((pdo.attribute("RefName")?, pdo))).collect())
     }
 
-    /// The element that has index and entries of a PDO; `None` if it is not in the file.
+    /// The element with index and entries of a PDO; `None` if it is not in the file.
     fn body(&self, pdo: Element<'a>) -> Option<Element<'a>> {
         let body = match pdo.attribute("Ref") {
             Some(name) => *self.0.get(name)?,
@@ -121,7 +121,7 @@ pub(super) fn read<'a>(
     Ok(all)
 }
 
-/// `element` says how a device has it, `body` what it is.
+/// Reads a PDO: `element` has its assignment, `body` its definition.
 fn pdo(
     element: Element<'_>,
     body: Element<'_>,
@@ -139,7 +139,7 @@ fn pdo(
             _ => {}
         }
     }
-    // Channels that share a definition follow each other.
+    // Channels that share a definition have consecutive indices.
     let channel = match element.attribute("Ref") {
         Some(_) => read::attribute(element, "Chn", U8, warnings)?.unwrap_or(0) as u16,
         None => 0,

@@ -1,4 +1,4 @@
-//! Typed values out of elements: every function gives the value or a located problem.
+//! Typed values from elements: every function returns the value or a problem with its place.
 
 use std::ops::RangeInclusive;
 
@@ -50,7 +50,7 @@ pub(super) fn child<'a>(
     integer(&text, child.at(), name, range, warnings).map(Some)
 }
 
-/// The number in a child that must be there.
+/// The number in a required child.
 pub(super) fn required<'a>(
     element: Element<'a>,
     name: &'a str,
@@ -94,7 +94,7 @@ pub(super) fn bytes<'a>(element: Element<'a>, name: &'a str) -> Result<Option<Ve
     })
 }
 
-/// The name of a thing in English, else without a language, else the first.
+/// The name of an element in English, or else one without a language, or else the first.
 pub(super) fn name(element: Element<'_>) -> String {
     let of = |wanted: Option<&str>| {
         element.children("Name").find(|name| name.attribute("LcId").map(str::trim) == wanted)
@@ -103,7 +103,7 @@ pub(super) fn name(element: Element<'_>) -> String {
     found.map_or_else(String::new, |name| name.text().into_owned())
 }
 
-/// A text as a message shows it: not the whole of a long one.
+/// A text for a message; a long one is cut.
 pub(super) fn cut(text: &str) -> String {
     let text = text.trim();
     match text.char_indices().nth(MOST_SHOWN) {

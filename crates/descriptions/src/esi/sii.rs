@@ -1,4 +1,5 @@
-//! Descriptions and SII: the image that a maker's tool writes of a device, and a device of which the SII alone is known.
+//! Descriptions and SII: the image that a vendor's tool writes for a device, and a device that is
+//! known only by its SII.
 
 use std::fmt;
 use std::sync::OnceLock;
@@ -23,14 +24,14 @@ use crate::sii::{
 pub struct EsiImage {
     /// The bytes, as long as the EEPROM.
     pub bytes: Vec<u8>,
-    /// What the description does not say, and what stands there instead.
+    /// Parts that the description does not state, and the replacements.
     pub notes: Vec<ImageNote>,
 }
 
-/// What an image has that its description does not say.
+/// A note on a difference between an image and its description.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ImageNote {
-    /// The description has the whole image; all other elements are not looked at.
+    /// The description has the whole image; all other elements are ignored.
     WholeImage,
     /// There is no ConfigData: words 0 to 6 are 0, and the ESC has no PDI.
     NoConfiguration,
@@ -53,7 +54,8 @@ impl fmt::Display for ImageNote {
 }
 
 impl EsiFile {
-    /// The image that the maker's tool would write for a device. Fails where it does not fit into an EEPROM.
+    /// The image that the vendor's tool would write for a device. Fails if it does not fit into an
+    /// EEPROM.
     pub fn image_of_sii(&self, device: &EsiDevice) -> Result<EsiImage, Unwritable> {
         let eeprom = device.eeprom.clone().unwrap_or_default();
         if let Some(bytes) = eeprom.image {
@@ -70,7 +72,7 @@ impl EsiFile {
         Ok(EsiImage { bytes, notes })
     }
 
-    /// What a device's SII says by its description alone.
+    /// The SII of a device according to its description alone.
     pub fn sii(&self, device: &EsiDevice) -> Sii {
         let eeprom = device.eeprom.clone().unwrap_or_default();
         let area = |purpose| {
@@ -118,7 +120,8 @@ impl EsiFile {
         }
     }
 
-    /// A description with one device: what its SII says. All that an SII does not say is as in a description that is silent.
+    /// A description with one device, made from its SII. Other properties are missing, as in an
+    /// incomplete description.
     pub fn of_sii(file: &SiiFile) -> Self {
         let digits = file.image.iter().map(|byte| format!("{byte:02x}"));
         Self {
@@ -130,7 +133,7 @@ impl EsiFile {
             modules: Vec::new(),
             refused: Vec::new(),
             file_warnings: Vec::new(),
-            // There is no text; this one tells images of one path apart.
+            // There is no text; this one distinguishes images of the same path.
             text: digits.collect(),
             lines: OnceLock::new(),
             references: Vec::new(),
@@ -205,7 +208,7 @@ fn pdo(pdo: &EsiPdo) -> SiiPdo {
     let mut entries = Vec::new();
     for entry in &pdo.entries {
         let mut left = entry.bits;
-        // A record has 8 bits for the length; what is longer maps nothing but its room.
+        // A record has 8 bits for the length; a longer one only reserves its bits.
         let object = entry.object.filter(|_| left <= 255);
         while left > 0 {
             let bits = left.min(255) as u8;
@@ -331,7 +334,7 @@ fn esi_sync_manager(record: &SmRecord, has_mailbox: bool) -> EsiSyncManager {
             sm_type::MAILBOX_IN => Purpose::MailboxIn,
             sm_type::OUTPUTS => Purpose::Outputs,
             sm_type::INPUTS => Purpose::Inputs,
-            // Older images leave the type out.
+            // Older images omit the type.
             _ => sync_manager::by_control(record.control, None, has_mailbox),
         },
         start: record.start,
@@ -368,7 +371,7 @@ fn esi_pdo(direction: Direction, pdo: &SiiPdo, sync_managers: usize) -> EsiPdo {
     }
 }
 
-/// The name that descriptions give a type.
+/// The name of a type in descriptions.
 fn type_name(kind: DataType) -> String {
     let name = match kind {
         DataType::BOOLEAN => "BOOL",

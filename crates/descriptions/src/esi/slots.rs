@@ -1,4 +1,4 @@
-//! Slots of a modular device, and the places that they have for modules.
+//! Slots of a modular device, and their places for modules.
 
 use super::modules::{EsiModule, ModuleAt};
 use super::read::{self, U8, U16, U32};
@@ -8,36 +8,36 @@ use super::warning::{WarningKind, Warnings};
 /// `Device/Slots`.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct EsiSlots {
-    /// Byte of the text at which it stands.
+    /// Byte offset in the text.
     pub at: usize,
-    /// The list of modules is written to 0xF030 (`DownloadModuleIdentList`).
+    /// Whether the list of modules is written to 0xF030 (`DownloadModuleIdentList`).
     pub download_idents: bool,
-    /// At which transition it is: `IP`, `PS` or `SO` (`DownloadModuleListTransition`).
+    /// Transition of that write: `IP`, `PS` or `SO` (`DownloadModuleListTransition`).
     pub download_at: String,
-    /// How many modules there may be in all slots together (`MaxSlotCount`); `None` if not said.
+    /// Largest number of modules in all slots together (`MaxSlotCount`); `None` if not stated.
     pub most: Option<u16>,
-    /// `ModulePdoGroup` by its number from 0.
+    /// `ModulePdoGroup`s, numbered from 0.
     pub pdo_groups: Vec<EsiPdoGroup>,
     /// The slots.
     pub slots: Vec<EsiSlot>,
 }
 
-/// `Slot`: one place, or `most` of a kind.
+/// `Slot`: one place, or `most` places of a kind.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct EsiSlot {
-    /// Byte of the text at which it stands.
+    /// Byte offset in the text.
     pub at: usize,
     /// Name.
     pub name: String,
     /// Number of its group (`SlotGroup`).
     pub group: u16,
-    /// How many modules there must be.
+    /// Smallest number of modules.
     pub least: u16,
-    /// How many there may be.
+    /// Largest number of modules.
     pub most: u16,
-    /// By how much indices grow: what the slot says, else what all slots have.
+    /// Increments of indices: those of the slot, or else those of all slots.
     pub increments: Increments,
-    /// Modules that fit, and whether one is the preset.
+    /// Modules that fit, and whether each is the preset.
     pub idents: Vec<(u32, bool)>,
     /// Classes of modules that fit.
     pub classes: Vec<ModuleClass>,
@@ -48,56 +48,57 @@ pub struct EsiSlot {
 pub struct ModuleClass {
     /// Name of the class.
     pub class: String,
-    /// Only modules of this maker; `None` for any.
+    /// Vendor id of the modules; `None` for any.
     pub vendor_id: Option<u32>,
 }
 
-/// By how much an index grows from one place, and from one group of slots, to the next.
+/// Increments of an index from one place, and from one group of slots, to the next.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Increments {
-    /// Of PDOs, by place (`SlotPdoIncrement`).
+    /// For PDOs, by place (`SlotPdoIncrement`).
     pub pdo: u16,
-    /// Of objects, by place (`SlotIndexIncrement`).
+    /// For objects, by place (`SlotIndexIncrement`).
     pub index: u16,
-    /// Of PDOs, by group (`SlotGroupPdoIncrement`).
+    /// For PDOs, by group (`SlotGroupPdoIncrement`).
     pub group_pdo: u16,
-    /// Of objects, by group (`SlotGroupIndexIncrement`).
+    /// For objects, by group (`SlotGroupIndexIncrement`).
     pub group_index: u16,
 }
 
-/// By what an index grows: `DependOnSlot` and `DependOnSlotGroup` of `Index`.
+/// The increments that apply to an index: `DependOnSlot` and `DependOnSlotGroup` of `Index`.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Follows {
-    /// By the place.
+    /// Increment by place.
     pub slot: bool,
-    /// By the group of the slot.
+    /// Increment by group of the slot.
     pub group: bool,
 }
 
-/// `ModulePdoGroup`: modules of one group lie together in the process data.
+/// `ModulePdoGroup`: modules of one group are adjacent in the process data.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct EsiPdoGroup {
-    /// Bytes at a multiple of which it begins; 0 and 1 for any byte.
+    /// Alignment of its begin in bytes; 0 and 1 for none.
     pub alignment: u8,
-    /// The PDO of outputs that fills the room before it.
+    /// The PDO of outputs for the padding before it.
     pub rx_pdo: Option<u16>,
-    /// The PDO of inputs that fills the room before it.
+    /// The PDO of inputs for the padding before it.
     pub tx_pdo: Option<u16>,
 }
 
 /// A place for one module.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct EsiPlace<'d> {
-    /// From 0, through all slots.
+    /// Its number from 0, counted through all slots.
     pub number: u16,
-    /// Which of [`EsiSlots::slots`] it belongs to.
+    /// Index of its slot in [`EsiSlots::slots`].
     pub slot_number: usize,
     /// The slot.
     pub slot: &'d EsiSlot,
 }
 
 impl EsiSlots {
-    /// The places for modules, in order. A slot has as many as it takes modules at most.
+    /// The places for modules, in order. The number of a slot's places is its largest number of
+    /// modules.
     pub fn places(&self) -> impl Iterator<Item = EsiPlace<'_>> {
         let most = self.most.map_or(MOST_PLACES, |most| most.min(MOST_PLACES));
         let slots = self.slots.iter().enumerate();
@@ -107,7 +108,7 @@ impl EsiSlots {
         (0..most).zip(all).map(|(number, place)| EsiPlace { number, ..place })
     }
 
-    /// What stands in the slots by default: presets, and the first module that fits where one must be.
+    /// The default modules: presets, and the first module that fits if one is required.
     pub(super) fn default_modules<'m>(
         &self,
         modules: &'m [EsiModule],
@@ -125,7 +126,7 @@ impl EsiSlots {
             let found = match preset {
                 Some(ident) => find(ident),
                 None if count == 0 => None,
-                // The order of the slot's list counts, then that of the file.
+                // The order of the slot's list is used first, then that of the file.
                 None => slot
                     .idents
                     .iter()
@@ -159,7 +160,7 @@ impl EsiSlots {
 }
 
 impl EsiSlot {
-    /// Whether a module may stand in it, by its ident or by its class.
+    /// Whether a module fits, by its ident or by its class.
     pub fn takes(&self, module: &EsiModule) -> bool {
         if self.idents.is_empty() && self.classes.is_empty() {
             return true;
@@ -173,13 +174,13 @@ impl EsiSlot {
 }
 
 impl EsiPlace<'_> {
-    /// The index that an object of a module has here.
+    /// The index of a module's object at this place.
     pub fn object(self, index: u16, follows: Follows) -> u16 {
         let Increments { index: by_place, group_index: by_group, .. } = self.slot.increments;
         self.moved(index, follows, by_place, by_group)
     }
 
-    /// The index that a PDO of a module has here.
+    /// The index of a module's PDO at this place.
     pub fn pdo(self, index: u16, follows: Follows) -> u16 {
         let Increments { pdo: by_place, group_pdo: by_group, .. } = self.slot.increments;
         self.moved(index, follows, by_place, by_group)
@@ -208,12 +209,12 @@ pub(super) fn read(
     let mut slots = EsiSlots {
         at: element.at(),
         download_idents: read::flag(element, "DownloadModuleIdentList")?,
-        // The schema has the letters of the way down, as a slip.
+        // The schema has the letters of the reverse transition, by mistake.
         download_at: match element.attribute("DownloadModuleListTransition").map(str::trim) {
             None | Some("" | "SP") => "PS".to_owned(),
             Some(other) => other.to_owned(),
         },
-        // Files have 0 where there are slots all the same.
+        // Some files have 0 although there are slots.
         most: read::attribute(element, "MaxSlotCount", U16, warnings)?
             .map(|most| most as u16)
             .filter(|most| *most > 0),
@@ -275,7 +276,7 @@ fn slot(
     })
 }
 
-/// The increments of an element; what it does not say is that of `common`.
+/// The increments of an element; missing ones are those of `common`.
 fn increments(
     element: Element<'_>,
     common: Increments,
@@ -302,5 +303,5 @@ pub(super) fn follows(element: Element<'_>) -> Result<Follows, Problem> {
     })
 }
 
-/// Most entries of the objects 0xF030 and 0xF050.
+/// Largest number of entries of the objects 0xF030 and 0xF050.
 const MOST_PLACES: u16 = 255;

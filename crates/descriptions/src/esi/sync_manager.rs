@@ -1,4 +1,4 @@
-//! SyncManagers: what each is for, by its control byte.
+//! SyncManagers, with their purpose by control byte.
 
 use isocat_wire::sync_manager::SyncManager;
 
@@ -9,25 +9,26 @@ use super::warning::{WarningKind, Warnings};
 /// `Device/Sm`; its place in the list is its number.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct EsiSyncManager {
-    /// Byte of the text at which it stands.
+    /// Byte offset in the text.
     pub at: usize,
-    /// What it is for.
+    /// Its purpose.
     pub purpose: Purpose,
     /// First byte of its memory.
     pub start: u16,
-    /// Bytes to configure: a mailbox's length; for process data a hint, the PDOs count.
+    /// Configured length in bytes: that of a mailbox; for process data only a hint, since the PDOs
+    /// define it.
     pub default_size: u16,
-    /// Most bytes; `None` where the size is fixed or not said.
+    /// Largest length in bytes; `None` if it is fixed or not stated.
     pub max_size: Option<u16>,
     /// Control byte, register 0x0804 + 8n; `None` if the file has none.
     pub control: Option<u8>,
-    /// Activation as written; not a flag, whatever its name says.
+    /// Activation as written; it is no flag, despite its name.
     pub enable: Option<u8>,
-    /// Switched on in OP only.
+    /// Whether it is enabled only in OP.
     pub op_only: bool,
 }
 
-/// What a SyncManager is for.
+/// Purpose of a SyncManager.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Purpose {
     /// Mailbox, MainDevice to SubDevice.
@@ -38,18 +39,18 @@ pub enum Purpose {
     Outputs,
     /// Process data, SubDevice to MainDevice.
     Inputs,
-    /// No SyncManager at all: a window that an FMMU reads.
+    /// No real SyncManager: a window that an FMMU reads.
     Window,
 }
 
 impl EsiSyncManager {
-    /// Whether process data go through it one buffer at a time, as through a mailbox.
+    /// Whether process data use a single buffer, like a mailbox.
     pub fn one_buffer(&self) -> bool {
         self.control.is_some_and(|control| control & BUFFER_MODE == ONE_BUFFER)
     }
 }
 
-/// Reads all of a device.
+/// Reads all SyncManagers of a device.
 pub(super) fn read(
     device: Element<'_>,
     warnings: &mut Warnings,
@@ -147,8 +148,8 @@ fn one(
     Ok(found)
 }
 
-/// Bits 3:2 tell the direction, bits 1:0 the buffers. One buffer means a mailbox only for a device that
-/// has one and does not call it process data.
+/// The purpose by control byte: bits 3:2 are the direction, bits 1:0 the buffers. One buffer means
+/// a mailbox only if the device has one and does not name the SyncManager process data.
 pub(super) fn by_control(control: u8, named: Option<Purpose>, has_mailbox: bool) -> Purpose {
     let writes = control & SyncManager::CONTROL_ECAT_WRITES != 0;
     let called_process_data = matches!(named, Some(Purpose::Outputs | Purpose::Inputs));

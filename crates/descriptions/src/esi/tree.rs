@@ -1,8 +1,9 @@
-//! From text to a tree of elements, with bounds on what a file may ask for.
+//! From text to a tree of elements, with limits on the effort for a file.
 //!
-//! The parser is a library's. Before it sees the text, [`guard`] refuses what would cost more than a
-//! description is worth: document types (with their entities), deep nesting, elements with thousands of
-//! attributes. The guard judges nothing else; what is not well-formed is the parser's to say.
+//! The parser is a library. Before it gets the text, [`guard`] refuses everything that would cost
+//! more than a description is worth: document types (with their entities), deep nesting, elements
+//! with thousands of attributes. The guard checks nothing else; the parser decides whether the text
+//! is well-formed.
 
 use std::borrow::Cow;
 
@@ -10,7 +11,7 @@ use roxmltree::{Document, Node, ParsingOptions};
 
 use crate::limits::{ATTRIBUTES, DEPTH, NAMESPACES, NODES};
 
-/// A problem and the byte of the text at which it is.
+/// A problem and its byte offset in the text.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Problem {
     pub at: usize,
@@ -23,7 +24,7 @@ impl Problem {
     }
 }
 
-/// What the parser found wrong, with its own place.
+/// The parser's error, with its own place.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) enum Malformed {
     At(Problem),
@@ -43,7 +44,7 @@ pub(super) fn parse(text: &str) -> Result<Document<'_>, Malformed> {
         error => {
             let place = error.pos();
             let message = error.to_string();
-            // The library ends its words with the place, which the caller prints first.
+            // The library's message ends with the place, which the caller prints first.
             let message = message.rsplit_once(" at ").map_or(&*message, |(words, _)| words);
             let message = format!("not well-formed XML: {message}");
             Malformed::Place(place.row as usize, place.col as usize, message)
@@ -51,7 +52,7 @@ pub(super) fn parse(text: &str) -> Result<Document<'_>, Malformed> {
     })
 }
 
-/// Refuses what makes parsing expensive, in one pass over the text.
+/// Refuses expensive constructs, in one pass over the text.
 pub(crate) fn guard(text: &str) -> Result<(), Problem> {
     let bytes = text.as_bytes();
     let (mut at, mut depth, mut namespaces) = (0, 0_usize, 0_usize);
@@ -97,7 +98,7 @@ pub(crate) fn guard(text: &str) -> Result<(), Problem> {
         };
         match end {
             Some(end) => at = end,
-            // Something that does not end; the parser has the words for it.
+            // The construct does not end; the parser has a message for that.
             None => return Ok(()),
         }
     }
@@ -110,7 +111,7 @@ struct Tag {
     namespaces: usize,
 }
 
-/// A start tag from its `<` on; `None` if it does not end.
+/// Parses a start tag from its `<` on; `None` if it does not end.
 fn tag(bytes: &[u8], start: usize) -> Option<Tag> {
     let mut found = Tag { end: 0, attributes: 0, namespaces: 0 };
     let mut at = start + 1;
@@ -147,27 +148,27 @@ impl<'a> Element<'a> {
         self.0.tag_name().name()
     }
 
-    /// Byte at which it begins.
+    /// Byte offset of its begin.
     pub fn at(self) -> usize {
         self.0.range().start
     }
 
-    /// All elements below, in order.
+    /// All child elements, in order.
     pub fn elements(self) -> impl Iterator<Item = Element<'a>> {
         self.0.children().filter(Node::is_element).map(Element)
     }
 
-    /// Those of a name.
+    /// The children with this name.
     pub fn children(self, name: &'a str) -> impl Iterator<Item = Element<'a>> {
         self.elements().filter(move |child| child.name() == name)
     }
 
-    /// The first of a name.
+    /// The first child with this name.
     pub fn child(self, name: &'a str) -> Option<Element<'a>> {
         self.children(name).next()
     }
 
-    /// Its text without blanks at both ends; comments in it do not count.
+    /// Its text without blanks at both ends and without comments.
     pub fn text(self) -> Cow<'a, str> {
         self.written().map_or(Cow::Borrowed(""), |text| match text {
             Cow::Borrowed(text) => Cow::Borrowed(text.trim()),

@@ -1,14 +1,14 @@
-//! Intel HEX: how some tools keep an EEPROM's content.
+//! Intel HEX, in which some tools store the content of an EEPROM.
 
 use crate::document::{FileError, Source};
 use crate::limits;
 
-/// Whether a file is one of Intel HEX and no image: its first byte begins a record.
+/// Whether a file is Intel HEX and not an image: its first byte begins a record.
 pub(super) fn is_hex(bytes: &[u8]) -> bool {
     bytes.first() == Some(&b':') && bytes.iter().all(u8::is_ascii)
 }
 
-/// The bytes of the records; what no record has is 0xFF, as in an erased chip.
+/// The bytes of the records; bytes without a record are 0xFF, as in an erased chip.
 pub(super) fn decode(path: &str, text: &str) -> Result<Vec<u8>, FileError> {
     let source = Source { path, text };
     let (mut image, mut base, mut at) = (Vec::new(), 0_usize, 0);
@@ -53,7 +53,7 @@ struct Record {
     data: Vec<u8>,
 }
 
-/// A line `:LLAAAATT…CC`, or the column of what is wrong in it.
+/// Parses a line `:LLAAAATT…CC`; an error has its column.
 fn record(line: &str) -> Result<Record, (usize, String)> {
     let digits = line
         .strip_prefix(':')

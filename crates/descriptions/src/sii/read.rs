@@ -12,14 +12,14 @@ use crate::document::{FileError, Wrong};
 use crate::limits;
 
 impl SiiFile {
-    /// Reads a file from disk, of [`limits::SII`] bytes at most: an image, or Intel HEX.
+    /// Reads a file from disk: an image of at most [`limits::SII`] bytes, or Intel HEX.
     pub fn read(path: &str) -> Result<Self, FileError> {
         // Intel HEX has about three characters for each byte.
         Self::from_bytes(path, &limits::read(path, 3 * limits::SII)?)
     }
 
-    /// Reads the bytes of a file; `path` names it in errors. Fails for Intel HEX that is broken (line and column), and for
-    /// what is shorter than the header or longer than [`limits::SII`].
+    /// Reads the bytes of a file; `path` names it in errors. Fails for broken Intel HEX (with line
+    /// and column), and for an image shorter than the header or longer than [`limits::SII`].
     pub fn from_bytes(path: &str, bytes: &[u8]) -> Result<Self, FileError> {
         let image = match std::str::from_utf8(bytes) {
             Ok(text) if hex::is_hex(bytes) => hex::decode(path, text)?,
@@ -54,10 +54,10 @@ impl SiiFile {
 #[derive(Default)]
 struct Reader {
     sii: Sii,
-    /// The strings, from number 1 on.
+    /// The strings, from number 1.
     strings: Vec<String>,
     doubts: Vec<Doubt>,
-    /// Word at which the SyncManagers stand.
+    /// Word of the SyncManagers.
     sync_managers_at: usize,
     /// Words of the PDOs that are assigned to a SyncManager, with its number.
     assigned: Vec<(usize, u8)>,
@@ -71,7 +71,8 @@ impl Reader {
         expected: impl Into<String>,
         found: impl Into<String>,
     ) {
-        // Each is of some bytes of the image; what is broken everywhere needs no more of them.
+        // The number is limited, since an image that is broken everywhere would have a doubt at
+        // every few bytes.
         if self.doubts.len() < MOST_DOUBTS {
             let (expected, found) = (expected.into(), found.into());
             self.doubts.push(Doubt { kind, word, expected, found });
@@ -114,7 +115,7 @@ impl Reader {
         }
     }
 
-    /// Reads all categories; gives the bytes up to the end mark.
+    /// Reads all categories; returns the bytes up to the end mark.
     fn categories(&mut self, image: &[u8]) -> usize {
         let mut all: Vec<(usize, u16, &[u8])> = Vec::new();
         let mut at = HEADER_LEN / 2;
@@ -147,7 +148,7 @@ impl Reader {
         }
         let mut seen = Vec::new();
         for (at, kind, data) in all {
-            // PDOs may be divided; each other category stands once.
+            // PDOs may be divided; each other category occurs once.
             let once = CATEGORIES_ONCE.contains(&kind);
             if once && seen.contains(&kind) {
                 let found = format!("another category {kind}; the first counts");
@@ -160,7 +161,7 @@ impl Reader {
         used.unwrap_or(2 * at)
     }
 
-    /// The categories end without an end mark, at word `at`.
+    /// Notes that the categories end without an end mark, at word `at`.
     fn no_end(&mut self, image: &[u8], at: usize) {
         match image.get(2 * at..2 * at + 4) {
             Some(head) => {
@@ -266,7 +267,7 @@ impl Reader {
             let expected = format!("{} bytes", General::LEN);
             self.doubt(DoubtKind::CategoryLength, at - 1, expected, format!("{}", data.len()));
         }
-        // A shorter one says 0 for the rest.
+        // In a shorter one the rest is 0.
         let byte = |place: usize| data.get(place).copied().unwrap_or(0);
         let half = |place: usize| u16::from_le_bytes([byte(place), byte(place + 1)]);
         self.sii.general = Some(General {
@@ -349,7 +350,7 @@ impl Reader {
         }
     }
 
-    /// What only the parts together tell.
+    /// Checks contradictions between the parts.
     fn contradictions(&mut self) {
         let header = self.sii.header;
         let count = self.sii.sync_managers.len();
@@ -397,11 +398,12 @@ fn area_words(area: MailboxArea) -> String {
 const CHECKSUM_OFF: u16 = 0x88A4;
 const SIZE_WORD: usize = 0x3E;
 const VERSION_WORD: usize = 0x3F;
-/// Bytes of a kbit.
+/// Bytes per kbit.
 const KBIT: usize = 128;
 /// A PDO that is not assigned.
 const NO_SYNC_MANAGER: u8 = 0xFF;
-/// Categories at most: the richest known image has a dozen, and empty ones could be had by the thousand.
+/// Largest number of categories: the richest known image has a dozen, but a broken file could have
+/// thousands of empty ones.
 const MOST_CATEGORIES: usize = 256;
 const MOST_DOUBTS: usize = 256;
 const CATEGORIES_ONCE: [u16; 5] =

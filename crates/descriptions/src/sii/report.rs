@@ -1,4 +1,4 @@
-//! What an SII file says, as one JSON document.
+//! The content of an SII file, as one JSON document.
 
 use isocat_wire::sii::{Header, MailboxArea, SmRecord};
 use schemars::JsonSchema;
@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::{Doubt, SiiFile, SiiOpMode, SiiPdo};
 
-/// Version of the document; changes whenever a reader could be misled by an older schema.
+/// Version of the document; it changes whenever a reader could be misled by an older schema.
 pub const FORMAT: u32 = 1;
 
 /// JSON schema of the document, draft 2020-12.
@@ -15,17 +15,17 @@ pub fn schema() -> serde_json::Value {
     settings.into_generator().into_root_schema_for::<Report>().to_value()
 }
 
-/// What an SII says, and what is doubtful about it.
+/// The content of an SII, with the doubts about it.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Report {
     /// Version of this document: 1.
     pub format: u32,
-    /// The file, as it was named.
+    /// The file, as the caller named it.
     pub file: String,
     /// Bytes of the image.
     pub bytes: usize,
-    /// Bytes up to the end mark of the categories, with it.
+    /// Bytes up to and including the end mark of the categories.
     pub bytes_used: usize,
     /// Vendor id.
     pub vendor_id: u32,
@@ -35,13 +35,13 @@ pub struct Report {
     pub revision: u32,
     /// Serial number.
     pub serial: u32,
-    /// Order number: the type. Empty without the category General.
+    /// Order number: the device type. Empty without the category General.
     pub order: String,
     /// Name.
     pub name: String,
     /// Type of the group.
     pub group: String,
-    /// Words 0 to 6 as hex digits: what the ESC loads.
+    /// Words 0 to 6 as hex digits, which the ESC loads.
     pub configuration: String,
     /// Station alias; 0 for none.
     pub alias: u16,
@@ -49,7 +49,7 @@ pub struct Report {
     pub sync_unit: bool,
     /// Whether the ESC answers state requests by itself, without a CPU.
     pub device_emulation: bool,
-    /// Length of SYNC pulses in ns; 0: the device's program ends them.
+    /// Length of SYNC pulses in ns; 0 if the device's program ends them.
     pub pulse_ns: u32,
     /// The standard mailbox; null for none.
     pub mailbox: Option<Mailbox>,
@@ -57,11 +57,13 @@ pub struct Report {
     pub boot_mailbox: Option<Mailbox>,
     /// Protocols of the mailbox.
     pub protocols: Vec<String>,
-    /// What its CoE can do.
+    /// CoE services.
     pub coe: Vec<String>,
-    /// Ports from port 0 by letter: Y MII, K EBUS, H fast hot connect, blank unused. Null without the category General.
+    /// Ports from port 0 by letter: Y MII, K EBUS, H fast hot connect, blank unused. Null without
+    /// the category General.
     pub ports: Option<String>,
-    /// Current on the EBUS in mA; negative for devices that feed it. Null without the category General.
+    /// Current on the EBUS in mA; negative for devices that feed it. Null without the category
+    /// General.
     pub ebus_ma: Option<i16>,
     /// Use of each FMMU: outputs, inputs, mailbox-state, unused, or the number.
     pub fmmus: Vec<String>,
@@ -73,9 +75,9 @@ pub struct Report {
     pub rx_pdos: Vec<Pdo>,
     /// OpModes; the first is the default.
     pub op_modes: Vec<OpMode>,
-    /// Categories that are kept as they are.
+    /// Categories that are kept unchanged.
     pub other_categories: Vec<Category>,
-    /// What contradicts the standard or itself.
+    /// Contradictions to the standard or within the image.
     pub doubts: Vec<DoubtReport>,
 }
 
@@ -83,11 +85,11 @@ pub struct Report {
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Mailbox {
-    /// First byte of the one from the MainDevice.
+    /// First byte of the mailbox from the MainDevice.
     pub receive_start: u16,
     /// Its bytes.
     pub receive_length: u16,
-    /// First byte of the one to the MainDevice.
+    /// First byte of the mailbox to the MainDevice.
     pub send_start: u16,
     /// Its bytes.
     pub send_length: u16,
@@ -97,7 +99,7 @@ pub struct Mailbox {
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SyncManager {
-    /// What it is for: mailbox-out, mailbox-in, outputs, inputs, unused, or the number.
+    /// Its purpose: mailbox-out, mailbox-in, outputs, inputs, unused, or the number.
     pub purpose: String,
     /// First byte.
     pub start: u16,
@@ -105,11 +107,11 @@ pub struct SyncManager {
     pub length: u16,
     /// Control byte.
     pub control: u8,
-    /// It is switched on.
+    /// Whether it is enabled.
     pub enabled: bool,
-    /// It stands for no SyncManager of the ESC.
+    /// Whether it represents no SyncManager of the ESC.
     pub is_virtual: bool,
-    /// It is switched on in OP only.
+    /// Whether it is enabled only in OP.
     pub op_only: bool,
 }
 
@@ -121,13 +123,13 @@ pub struct Pdo {
     pub index: u16,
     /// Name.
     pub name: String,
-    /// SyncManager that it is assigned to; null for none.
+    /// SyncManager to which it is assigned; null for none.
     pub sync_manager: Option<u8>,
-    /// It must stay assigned.
+    /// Whether it must stay assigned.
     pub mandatory: bool,
-    /// Its entries can't be changed.
+    /// Whether its entries cannot be changed.
     pub fixed: bool,
-    /// What it maps.
+    /// Mapped entries.
     pub entries: Vec<Entry>,
 }
 
@@ -157,19 +159,19 @@ pub struct OpMode {
     pub description: String,
     /// Low byte for register 0x0980, high byte for 0x0981.
     pub assign_activate: u16,
-    /// SYNC0's cycle in ns; 0: the factor counts.
+    /// Cycle of SYNC0 in ns; 0 if the factor is used.
     pub cycle_time_0_ns: u32,
-    /// SYNC0's cycle to the bus cycle.
+    /// Ratio of SYNC0's cycle to the bus cycle.
     pub sync0_factor: i16,
-    /// SYNC0's phase in ns.
+    /// Phase of SYNC0 in ns.
     pub shift_time_0_ns: i32,
-    /// SYNC1's cycle to that of SYNC0.
+    /// Ratio of SYNC1's cycle to that of SYNC0.
     pub sync1_factor: i16,
-    /// SYNC1's phase in ns.
+    /// Phase of SYNC1 in ns.
     pub shift_time_1_ns: i32,
 }
 
-/// A category that is kept as it is.
+/// A category that is kept unchanged.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Category {
@@ -179,22 +181,22 @@ pub struct Category {
     pub data: String,
 }
 
-/// Something doubtful.
+/// A doubt about the image.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct DoubtReport {
     /// Its fixed name.
     pub kind: &'static str,
-    /// Word at which it stands.
+    /// Its word in the image.
     pub word: usize,
-    /// What should stand there.
+    /// The expected value.
     pub expected: String,
-    /// What stands there.
+    /// The found value.
     pub found: String,
 }
 
 impl SiiFile {
-    /// What the file says, for programs.
+    /// The content of the file, for programs.
     pub fn report(&self) -> Report {
         let header = &self.sii.header;
         let general = self.sii.general.clone();

@@ -1,11 +1,11 @@
-//! Images by hand, each side of every edge; real ones are in the command's tests.
+//! Images made by hand, with both sides of every limit; real ones are in the command's tests.
 
 use proptest::prelude::*;
 
 use super::*;
 use isocat_wire::sii::{MailboxArea, sm_type};
 
-/// A device that has something of everything.
+/// A device with one of everything.
 fn sample() -> Sii {
     let mut configuration = [0; 14];
     configuration[..6].copy_from_slice(&[0x05, 0x0E, 0x03, 0x06, 0x10, 0x27]);
@@ -78,7 +78,7 @@ fn kinds(image: &[u8]) -> Vec<&'static str> {
     read(image).doubts.iter().map(|doubt| doubt.kind.name()).collect()
 }
 
-/// Where the data of a category begin.
+/// Offset of a category's data.
 fn place(image: &[u8], wanted: u16) -> usize {
     let mut at = 0x80;
     loop {
@@ -127,7 +127,7 @@ fn each_doubt_has_its_word() {
     assert_eq!(broken(pdo + 5, 99), [("string-missing", pdo / 2 + 2)]);
     let strings = place(&good, 10);
     assert_eq!(broken(strings + 2, 0x1B), [("string-unprintable", strings / 2)]);
-    // The first string that is missing would begin in the last word, which is filled up.
+    // The first missing string would begin in the last word, which is padded.
     assert_eq!(broken(strings, 99)[0], ("strings-cut", place(&good, 30) / 2 - 3));
 }
 
@@ -216,7 +216,7 @@ fn intel_hex_is_an_image_too() {
 }
 
 proptest! {
-    /// What is written from anything that was read says the same, and has nothing doubtful that was not there.
+    /// An image written from any readable one has the same content, and no new doubts.
     #[test]
     fn anything_is_read(bytes in proptest::collection::vec(any::<u8>(), 0..600), tame in any::<bool>()) {
         let mut image = sample().image(0, Names::All).expect("short");

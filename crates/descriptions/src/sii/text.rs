@@ -1,4 +1,4 @@
-//! What an SII file says, as text for a terminal.
+//! The content of an SII file, as text for a terminal.
 
 use std::fmt::{self, Write};
 
@@ -10,7 +10,7 @@ use super::report::{Mailbox, OpMode, Pdo, Report};
 use crate::columns::{WIDTH, wrap};
 
 impl SiiFile {
-    /// What the file says, in plain words.
+    /// The content of the file in plain words.
     pub fn text(&self) -> String {
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -179,7 +179,7 @@ fn write_op_mode(out: &mut String, number: usize, mode: &OpMode) -> fmt::Result 
     writeln!(out)
 }
 
-/// A text in one line, without what would move a terminal's cursor.
+/// A text in one line, without characters that move a terminal's cursor.
 fn printable(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { '·' } else { c }).collect()
 }

@@ -8,23 +8,23 @@ use isocat_wire::sii::{
 
 use super::{General, Sii, SiiOpMode, SiiPdo};
 
-/// What becomes of names that the category of strings has no room for: it takes 255, of 255 bytes each.
+/// Handling of names that exceed the category of strings: it holds 255 strings of 255 bytes each.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Names {
     /// They are an error.
     All,
-    /// A name that is too long is cut, and one that is too many is left out.
+    /// A name that is too long is cut, and surplus names are left out.
     Fitting,
 }
 
 /// Why there is no image.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Unwritable {
-    /// So many different names.
+    /// Number of different names, which exceeds the limit.
     Names(usize),
     /// A name that is too long.
     Name(String),
-    /// It does not fit into the largest EEPROM, of so many bytes.
+    /// Number of bytes, which exceeds the largest EEPROM.
     TooLong(usize),
 }
 
@@ -47,13 +47,14 @@ impl fmt::Display for Unwritable {
 impl std::error::Error for Unwritable {}
 
 impl Sii {
-    /// The image in the smallest usual EEPROM that holds it and has `least` bytes, or the largest one. Its header has that size;
-    /// the checksum is right.
+    /// The image in the smallest usual EEPROM that holds it and has `least` bytes, or the largest
+    /// one. Its header has that size; the checksum is right.
     ///
-    /// Strings come first, since the others point into them; then General, FMMU, SyncM, TxPDO, RxPDO, DC, and all others.
+    /// Strings come first, since the others refer to them; then General, FMMU, SyncM, TxPDO, RxPDO,
+    /// DC, and all others.
     pub fn image(&self, least: usize, names: Names) -> Result<Vec<u8>, Unwritable> {
         let mut strings = Strings { texts: Vec::new(), names };
-        // Makers' tools number the texts in this order.
+        // Vendors' tools number the texts in this order.
         let general = self.general.as_ref().map(|general| general_data(general, &mut strings));
         let op_modes = op_modes(&self.op_modes, &mut strings);
         let inputs = pdos(&self.inputs, &mut strings);
@@ -72,7 +73,7 @@ impl Sii {
         let general = general.as_ref().map(|general| (category::GENERAL, general));
         let first = [(category::STRINGS, &strings)].into_iter().chain(general);
         categories.splice(..0, first);
-        // What is kept as it is may well be empty.
+        // A category that is kept unchanged may be empty.
         categories.extend(self.others.iter().map(|other| (other.kind, &other.data)));
         let write = |size: usize| -> Result<Vec<u8>, ImageFull> {
             let mut image = vec![0; size];
@@ -90,7 +91,7 @@ impl Sii {
     }
 }
 
-/// Makers fill up odd bytes with 0xFF; as the use of an FMMU it is none.
+/// Vendors pad odd bytes with 0xFF; as the use of an FMMU it means none.
 fn padded(mut data: Vec<u8>) -> Vec<u8> {
     data.resize(data.len().next_multiple_of(2), 0xFF);
     data
@@ -197,14 +198,14 @@ impl Strings {
     }
 }
 
-/// At most 255 bytes of a text, in whole characters.
+/// A text cut to at most 255 bytes, in whole characters.
 fn cut(text: &str) -> &str {
     let end = (0..=text.len().min(255)).rev().find(|end| text.is_char_boundary(*end));
     &text[..end.unwrap_or(0)]
 }
 
 const MOST_STRINGS: usize = 255;
-/// Bytes of a kbit.
+/// Bytes per kbit.
 const KBIT: usize = 128;
 /// EEPROM sizes in bytes, 16 kbit to 512 kbit.
 const SIZES: [usize; 6] = [2_048, 4_096, 8_192, 16_384, 32_768, 65_536];

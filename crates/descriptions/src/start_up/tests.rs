@@ -1,4 +1,4 @@
-//! The list's order, its text, its JSON.
+//! Order, text and JSON of the list.
 
 use super::*;
 

@@ -11,7 +11,8 @@ use super::{
 use crate::columns::wrap;
 
 impl StartUp {
-    /// The list as text of a hundred columns: what is done in each transition, in order, and each cycle.
+    /// The list as text with lines of at most a hundred columns: the steps of each transition, in
+    /// order, and the cycle.
     pub fn text(&self) -> String {
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -152,7 +153,7 @@ fn write_notes(out: &mut String, notes: &[String]) -> fmt::Result {
     Ok(())
 }
 
-/// `2nd`, `5th`.
+/// An ordinal number: `2nd`, `5th`.
 fn ordinal(number: u32) -> String {
     let ending = match (number % 10, number % 100) {
         (_, 11..=13) => "th",
@@ -171,7 +172,7 @@ fn place(address: Address) -> String {
     }
 }
 
-/// Hex digits by four bytes; what is long is told by its beginning and length.
+/// Hex digits in groups of four bytes; long data are shown by their beginning and length.
 fn bytes(bytes: &[u8]) -> String {
     if bytes.len() >= 16 && bytes.iter().all(|byte| *byte == 0) {
         return format!("{} zeros", bytes.len());
@@ -185,5 +186,5 @@ fn bytes(bytes: &[u8]) -> String {
     }
 }
 
-/// Columns of a note.
+/// Width of a note in columns.
 const WIDTH: usize = 96;

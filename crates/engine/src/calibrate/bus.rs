@@ -1,5 +1,5 @@
-//! Single datagrams at instants of the caller's choice, addressed by position, so that no station
-//! address is written.
+//! Single datagrams at instants of the caller's choice. They are addressed by position, so that no
+//! station address is written.
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,12 +18,12 @@ pub enum Trouble {
     Own(String),
     /// No frame came back, several times.
     Lost {
-        /// Register or memory that the frame was for.
+        /// Register or memory address of the frame.
         address: u16,
     },
-    /// A device did not take a datagram that it has to take.
+    /// A device did not process a datagram that it must process.
     Count {
-        /// Position of the device; `None`: all were meant.
+        /// Position of the device; `None` if all were addressed.
         position: Option<usize>,
         /// Register.
         address: u16,
@@ -39,27 +39,27 @@ pub enum Trouble {
         /// System clocks that were found.
         found: usize,
     },
-    /// A device is in operation: nothing was written.
+    /// A device is in operation; nothing was written.
     InOperation {
         /// Position of the device.
         position: usize,
-        /// What it does.
+        /// Its activity.
         what: Operating,
     },
-    /// The caller asked for the end.
+    /// The caller asked to stop.
     Stopped,
-    /// It ended early, and a device could not be put back as it was found.
+    /// The calibration ended early, and a device could not be restored.
     NotPutBack {
         /// Position of the first such device.
         position: usize,
-        /// Why it was not put back.
+        /// Why it was not restored.
         why: Box<Trouble>,
         /// Why the calibration ended.
         first: Box<Trouble>,
     },
 }
 
-/// What a device does that a calibration must not disturb.
+/// An activity of a device that a calibration must not disturb.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Operating {
     /// Its state, register 0x0130.
@@ -111,14 +111,14 @@ impl std::error::Error for Trouble {}
 /// Command, address, data.
 pub(super) type Ask = (Command, Address, Vec<u8>);
 
-/// What came back of it.
+/// The answer to an [`Ask`].
 #[derive(Clone, Debug)]
 pub(super) struct Answer {
     pub data: Vec<u8>,
     pub wkc: u16,
 }
 
-/// The way to a segment.
+/// Access to a segment.
 pub(super) struct Bus<'w> {
     wire: &'w mut dyn Wire,
     stop: &'w AtomicBool,
@@ -127,7 +127,7 @@ pub(super) struct Bus<'w> {
     pub sent: u64,
     /// Of these, frames that did not come back.
     pub lost: u64,
-    /// What was changed is being put back: a wish to end is no longer heard.
+    /// Changed settings are being restored: a request to stop is ignored.
     pub putting_back: bool,
 }
 
@@ -141,7 +141,7 @@ impl<'w> Bus<'w> {
     }
 
     pub fn wait_until(&mut self, at: Time<Host>) -> Result<(), Trouble> {
-        // In pieces, so that a wish to end is heard soon.
+        // It waits in pieces, so that a request to stop is noticed soon.
         while at - self.now() > PIECE {
             self.check()?;
             let next = self.now() + PIECE;
@@ -156,7 +156,7 @@ impl<'w> Bus<'w> {
         self.wait_until(end)
     }
 
-    /// One frame, once; `None` if it does not come back.
+    /// Sends one frame once; `None` if it does not come back.
     pub fn once(&mut self, asks: &[Ask]) -> Result<Option<Vec<Answer>>, Trouble> {
         self.check()?;
         let mut frames = [self.frame(asks)];
@@ -170,7 +170,7 @@ impl<'w> Bus<'w> {
         Ok(Some(answers))
     }
 
-    /// One frame that may be repeated: its datagrams do the same however often they come.
+    /// Sends one frame that may be repeated: repeated datagrams have the same effect.
     pub fn ask(&mut self, asks: &[Ask]) -> Result<Vec<Answer>, Trouble> {
         for _ in 0..ATTEMPTS {
             if let Some(answers) = self.once(asks)? {
@@ -236,7 +236,7 @@ impl<'w> Bus<'w> {
         self.write_each(&[(at, data.to_vec())], address)
     }
 
-    /// How many devices answer.
+    /// Counts the devices that answer.
     pub fn count(&mut self) -> Result<usize, Trouble> {
         let address = isocat_wire::register::TYPE.address;
         let asks = [(Command::Brd, Address::Broadcast(address), vec![0])];
@@ -264,7 +264,7 @@ impl<'w> Bus<'w> {
     }
 }
 
-/// The datagrams that came back, if they are those that were sent.
+/// The datagrams that came back, if they match those that were sent.
 fn answers(frame: &[u8], asks: &[Ask]) -> Option<Vec<Answer>> {
     let payload = frame::payload(frame).ok()?;
     let found: Vec<_> = datagrams(payload).collect::<Result<_, _>>().ok()?;
@@ -308,8 +308,8 @@ fn not_taken(position: usize, address: u16) -> Trouble {
     Trouble::Count { position: Some(position), address, expected: 1, found: 0 }
 }
 
-/// How many datagrams of `len` bytes fit into one frame: header and working counter take 12 bytes
-/// each.
+/// Number of datagrams of `len` bytes that fit into one frame: header and working counter take 12
+/// bytes each.
 fn room(len: usize) -> usize {
     (1_400 / (len + 12)).max(1)
 }
@@ -318,5 +318,5 @@ fn room(len: usize) -> usize {
 const SOURCE: [u8; 6] = [frame::LOCALLY_ADMINISTERED, 0, 0, 0, 0, 0xCA];
 /// How often a frame that may be repeated is sent before it counts as lost.
 const ATTEMPTS: usize = 8;
-/// Longest wait without looking whether the end was asked for.
+/// Longest wait without a check for a request to stop.
 const PIECE: Nanos = Nanos::millis(50);

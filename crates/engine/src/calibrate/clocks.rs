@@ -9,21 +9,21 @@ use isocat_wire::time::{Host, Nanos, Time};
 use super::bus::{Ask, Bus, Trouble, at, number, read, write};
 use super::found::{ClockRegisters, Found};
 
-/// The clocks under calibration and the way to them.
+/// The clocks under calibration and the access to them.
 pub(super) struct Clocks<'b, 'w> {
     pub bus: &'b mut Bus<'w>,
-    /// Position of the reference clock, the first of all.
+    /// Position of the reference clock: the first clock of the segment.
     pub reference: usize,
     reference_registers: ClockRegisters,
-    /// Positions of the other clocks, and their registers as they were found.
+    /// Positions of the other clocks, and their original registers.
     pub followers: Vec<(usize, ClockRegisters)>,
-    /// Devices that take a write to 0x0900.
+    /// Number of devices that process a write to 0x0900.
     timed: u16,
     /// The last known pair of host time and reference time.
     pair: Option<(Time<Host>, i64)>,
 }
 
-/// Where the clocks are at one instant: several latches, and a line through them.
+/// Readings of the clocks at one instant: several latches, and a line through them.
 #[derive(Clone, Debug)]
 pub(super) struct Fix {
     /// Local time of the reference, ns, unwrapped: the mean of the latches.
@@ -35,14 +35,13 @@ pub(super) struct Fix {
 }
 
 impl Fix {
-    /// From the first latch to the last, ns.
+    /// Time from the first latch to the last, ns.
     pub fn span(&self) -> f64 {
         let ends = self.latches.first().zip(self.latches.last());
         ends.map_or(0.0, |((first, _), (last, _))| (last - first) as f64)
     }
 
-    /// How far a follower's local time was from the reference's at a latch, ns; 0 for the reference
-    /// itself.
+    /// A follower's local time less the reference's at a latch, ns; 0 for the reference itself.
     pub fn apart(&self, latch: usize, follower: Option<usize>) -> f64 {
         let Some(follower) = follower else { return 0.0 };
         let first = self.latches[0].1[follower];
@@ -57,14 +56,14 @@ impl Fix {
     }
 }
 
-/// Where one clock is.
+/// The reading of one clock.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub(super) struct Spot {
     /// Local time less the reference's local time, ns, modulo 2^32 around its first value.
     pub apart: f64,
     /// Standard deviation of a single latch about the line, ns.
     pub deviation: f64,
-    /// Standard error of `apart`, ns, but for what jitter adds to all latches alike.
+    /// Standard error of `apart`, ns, without the jitter that all latches have alike.
     pub error: f64,
 }
 
@@ -88,8 +87,8 @@ impl<'b, 'w> Clocks<'b, 'w> {
         })
     }
 
-    /// Filter depths of all clocks, and a write to 0x0930 that clears their loops. Gives the
-    /// reference's local time then.
+    /// Writes the filter depths of all clocks, and 0x0930, which clears their loops. Returns the
+    /// reference's local time at that moment.
     pub fn reset(&mut self, depths: [u8; 2], start: u16) -> Result<i64, Trouble> {
         self.write_all(register::TIME_FILTER_DEPTH.address, &depths)?;
         let mut asks: Vec<Ask> = vec![read(self.reference, register::SYSTEM_TIME.address, 4)];
@@ -116,15 +115,15 @@ impl<'b, 'w> Clocks<'b, 'w> {
         }
     }
 
-    /// Delay of all followers, register 0x0928.
+    /// Writes the delay of all followers, register 0x0928.
     pub fn set_delays(&mut self, delay: u32) -> Result<(), Trouble> {
         let bytes = delay.to_le_bytes().to_vec();
         let writes: Vec<_> = self.followers.iter().map(|(at, _)| (*at, bytes.clone())).collect();
         self.bus.write_each(&writes, register::SYSTEM_TIME_DELAY.address)
     }
 
-    /// Offsets with which each follower's system time is `ahead` ns before the reference's at a
-    /// fix. Gives what each is really ahead then: an offset has whole ns.
+    /// Writes offsets that set each follower's system time `ahead` ns ahead of the reference's at a
+    /// fix. Returns the exact lead of each, since an offset has whole ns.
     pub fn set_ahead(&mut self, fix: &Fix, ahead: i64) -> Result<Vec<f64>, Trouble> {
         let mut left = Vec::with_capacity(fix.spots.len());
         let mut writes = Vec::with_capacity(fix.spots.len());
@@ -138,9 +137,9 @@ impl<'b, 'w> Clocks<'b, 'w> {
         Ok(left)
     }
 
-    /// One drift frame; the reference's local time when it passed, or `None` if it did not come
-    /// back. `lead`: how far the reference's system time is moved now; `then`: how far from this
-    /// frame's end on.
+    /// Sends one drift frame. Returns the reference's local time when it passed, or `None` if it
+    /// did not come back. `lead` is the movement of the reference's system time in this frame,
+    /// `then` the one from this frame's end on.
     pub fn drift_frame(&mut self, lead: i64, then: i64) -> Result<Option<i64>, Trouble> {
         let armw = at(self.reference, register::SYSTEM_TIME.address);
         let mut asks = vec![(Command::Armw, armw, vec![0; 4])];
@@ -154,26 +153,26 @@ impl<'b, 'w> Clocks<'b, 'w> {
         Ok(Some(self.unwrap(self.local_of(low, lead), before)))
     }
 
-    /// The reference's offset as it was found, moved by `lead`.
+    /// A write of the reference's original offset, moved by `lead`.
     fn lead(&self, lead: i64) -> Ask {
         let offset = self.reference_registers.offset.wrapping_add_signed(lead);
         let bytes = self.reference_registers.offset_bytes(offset);
         write(self.reference, register::SYSTEM_TIME_OFFSET.address, bytes)
     }
 
-    /// The reference's offset as it was found.
+    /// Restores the reference's original offset.
     pub fn end_lead(&mut self) -> Result<(), Trouble> {
         let ask = self.lead(0);
         self.bus.ask(&[ask]).map(drop)
     }
 
-    /// Register 0x092C or 0x0932 of all followers, `len` bytes of each.
+    /// Reads register 0x092C or 0x0932 of all followers, `len` bytes of each.
     pub fn shown(&mut self, address: u16, len: usize) -> Result<Vec<Vec<u8>>, Trouble> {
         let positions: Vec<usize> = self.followers.iter().map(|(at, _)| *at).collect();
         self.bus.read_each(&positions, address, len)
     }
 
-    /// Latches several times, `pace` apart on the average.
+    /// Takes several latches, `pace` apart on average.
     pub fn fix(&mut self, latches: usize, pace: Nanos) -> Result<Fix, Trouble> {
         let mut times = Vec::with_capacity(latches);
         let mut lost = 0;
@@ -183,8 +182,8 @@ impl<'b, 'w> Clocks<'b, 'w> {
                 None if lost < latches => lost += 1,
                 None => return Err(Trouble::Lost { address: register::RECEIVE_TIME_0.address }),
             }
-            // No multiple of ticks, of the dividers' periods or of the teeth of jitter: they are to
-            // be met at different places.
+            // The pace is no multiple of ticks, of the dividers' periods or of the teeth of jitter,
+            // so that latches meet them at different places.
             let uneven = (times.len() as i64 * 617) % 997 - 498;
             self.bus.wait(Nanos(pace.0 + pace.0 * uneven / 997))?;
         }
@@ -214,7 +213,7 @@ impl<'b, 'w> Clocks<'b, 'w> {
         Ok(Some((self.unwrap(reference, before), apart)))
     }
 
-    /// Local time of the reference, of its system time.
+    /// Local time of the reference that belongs to its system time.
     fn local_of(&self, system: u32, lead: i64) -> u32 {
         let offset = self.reference_registers.offset.wrapping_add_signed(lead);
         system.wrapping_sub(offset as u32)
@@ -251,7 +250,8 @@ fn spot(times: &[(i64, Vec<i32>)], middle: f64, follower: usize) -> Spot {
     let rests = points.iter().map(|(at, apart)| apart - line.at(*at));
     let free = points.len().saturating_sub(2).max(1) as f64;
     let deviation = (rests.map(|rest| rest * rest).sum::<f64>() / free).sqrt();
-    // The clocks' ticks are no noise of their own, so a few latches can't average them away entirely.
+    // The error of the clocks' ticks is not independent noise, so a few latches cannot average it
+    // out.
     let error = (deviation / (points.len() as f64).sqrt()).max(LEAST_ERROR);
     Spot { apart: f64::from(first) + line.middle, deviation, error }
 }
@@ -279,5 +279,5 @@ impl Line {
     }
 }
 
-/// What a fix can be off by, however many its latches are: the grain of two dividers, ns.
+/// Lower bound of a fix's error, however many latches it has: the grain of two dividers, ns.
 const LEAST_ERROR: f64 = 1.5;

@@ -1,5 +1,5 @@
-//! One course of drift frames: from a known difference, at known instants, with looks at what
-//! became of it.
+//! One course of drift frames: from a known difference, at known instants, with reads of the
+//! result.
 
 use isocat_wire::register;
 use isocat_wire::time::Nanos;
@@ -7,25 +7,25 @@ use isocat_wire::time::Nanos;
 use super::bus::Trouble;
 use super::clocks::{Clocks, Fix};
 
-/// What is sent in a course.
+/// What a course sends.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Asked {
     /// Register 0x0930.
     pub start: u16,
     /// Registers 0x0934 and 0x0935.
     pub depths: [u8; 2],
-    /// How far the followers are ahead when it begins, ns.
+    /// Lead of the followers at the beginning, ns.
     pub ahead: i64,
-    /// Drift frames.
+    /// Number of drift frames.
     pub frames: usize,
-    /// From one to the next.
+    /// Time from one drift frame to the next.
     pub interval: Nanos,
-    /// How much the reference's time is moved from each drift frame to the next, ns: a drift of
-    /// known size beside that of the crystals.
+    /// Movement of the reference's time from each drift frame to the next, ns. It adds a drift of
+    /// known size to that of the crystals.
     pub lead: i64,
-    /// How many drift frames lie between two reads of register 0x0932.
+    /// Number of drift frames between two reads of register 0x0932.
     pub look_every: usize,
-    /// Pause behind the last drift frame, in which the clocks run by themselves.
+    /// Pause after the last drift frame, in which the clocks run freely.
     pub pause: Nanos,
 }
 
@@ -33,20 +33,20 @@ pub(super) struct Asked {
 #[derive(Clone, Debug)]
 pub(super) struct Course {
     pub asked: Asked,
-    /// When the fix was taken from which the offsets come, and its latches.
+    /// Instant of the fix from which the offsets come, and its latches.
     pub fixed_at: f64,
     pub fixed: Vec<i64>,
-    /// How far each follower was ahead then, ns, and the standard error of it.
+    /// Lead of each follower at that instant, ns, and its standard error.
     pub ahead: Vec<(f64, f64)>,
-    /// When the loops were cleared.
+    /// Instant when the loops were cleared.
     pub reset_at: i64,
     /// The drift frames.
     pub frames: Vec<Frame>,
     /// Drift frames that did not come back.
     pub lost: usize,
-    /// Register 0x0932, and how many drift frames had been sent when it was read.
+    /// Register 0x0932, and the number of drift frames sent before the read.
     pub looks: Vec<(usize, Vec<i16>)>,
-    /// How far each follower is ahead behind the last drift frame, and after the pause.
+    /// Lead of each follower after the last drift frame, and after the pause.
     pub behind: Ahead,
     pub later: Ahead,
 }
@@ -54,16 +54,16 @@ pub(super) struct Course {
 /// A drift frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Frame {
-    /// When it passed.
+    /// Instant when it passed.
     pub at: i64,
-    /// How far the reference's time was moved then, ns.
+    /// Movement of the reference's time at that instant, ns.
     pub lead: i64,
-    /// It came back. Otherwise it may have passed or not, and its instant is that of the host's
-    /// clock.
+    /// Whether it came back. Otherwise it may have passed or not, and its instant is that of the
+    /// host's clock.
     pub came_back: bool,
 }
 
-/// How far the followers are ahead at an instant.
+/// Lead of the followers at an instant.
 #[derive(Clone, Debug)]
 pub(super) struct Ahead {
     pub at: f64,
@@ -73,11 +73,11 @@ pub(super) struct Ahead {
     pub latches: Vec<i64>,
 }
 
-/// Register 0x0930 where nothing else is asked for.
+/// Register 0x0930 by default.
 pub(super) const START: u16 = 0x1000;
 
-/// Runs one course; starts over if too many of its drift frames are lost, which is one of a short
-/// course.
+/// Runs one course. Starts over if too many of its drift frames are lost; in a short course that is
+/// one.
 pub(super) fn run(clocks: &mut Clocks<'_, '_>, asked: Asked) -> Result<Course, Trouble> {
     for _ in 1..MOST_TRIES {
         let course = attempt(clocks, asked)?;
@@ -91,7 +91,7 @@ pub(super) fn run(clocks: &mut Clocks<'_, '_>, asked: Asked) -> Result<Course, T
 fn attempt(clocks: &mut Clocks<'_, '_>, asked: Asked) -> Result<Course, Trouble> {
     clocks.reset(asked.depths, asked.start)?;
     clocks.set_delays(0)?;
-    // Soon over: until the first drift frame the clocks run apart.
+    // This fix is short: until the first drift frame the clocks drift apart.
     let fix = clocks.fix(FEW_LATCHES, SHORT_PACE)?;
     let left = clocks.set_ahead(&fix, asked.ahead)?;
     let ahead: Vec<(f64, f64)> =
@@ -142,8 +142,7 @@ fn send(clocks: &mut Clocks<'_, '_>, course: &mut Course) -> Result<(), Trouble>
             let speeds = bytes.iter().map(|bytes| i16::from_le_bytes([bytes[0], bytes[1]]));
             course.looks.push((count, speeds.collect()));
         }
-        // What this machine was late by is not made up for: even intervals matter more than their
-        // number.
+        // A delay of this machine is not caught up: even intervals matter more than their number.
         due = (due + asked.interval).max(clocks.bus.now());
     }
     if asked.lead != 0 {
@@ -160,11 +159,11 @@ impl Ahead {
     }
 }
 
-/// Latches of a fix from which clocks are set, and their pace.
+/// Latches of a fix that is used to set clocks, and their pace.
 pub(super) const FEW_LATCHES: usize = 16;
 pub(super) const SHORT_PACE: Nanos = Nanos(800_000);
-/// Latches of a fix behind drift frames: about 100 ms, so that clocks 0.4 ppm apart show a whole
-/// tooth of copper's jitter.
+/// Latches of a fix after drift frames. They take about 100 ms, so that clocks 0.4 ppm apart show a
+/// whole tooth of copper's jitter.
 const LATCHES: usize = 48;
 const LONG_PACE: Nanos = Nanos(2_000_000);
 /// How often a course is tried.

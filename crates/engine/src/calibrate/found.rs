@@ -1,4 +1,4 @@
-//! What a segment was like before, and how it is put back.
+//! The state of a segment before the calibration, and how it is restored.
 
 use isocat_wire::al::AlState;
 use isocat_wire::dl::DlStatus;
@@ -7,19 +7,19 @@ use isocat_wire::{AlStatus, PortNumber};
 
 use super::bus::{Bus, Operating, Trouble, number};
 
-/// What a port is, register 0x0007.
+/// Kind of a port, register 0x0007.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PortKind {
     /// Copper with a PHY.
     Mii,
     /// The contacts between terminals.
     Ebus,
-    /// Not there, or not configured.
+    /// Absent, or not configured.
     Other,
 }
 
 impl PortKind {
-    /// By its two bits.
+    /// The kind by its two bits.
     fn of(bits: u8) -> Self {
         match bits & 0b11 {
             0b11 => Self::Mii,
@@ -39,7 +39,7 @@ pub(super) struct Found {
     pub ports: [PortKind; 4],
     /// Open ports, by number.
     pub open: [bool; 4],
-    /// It has receive times, register 0x0900.
+    /// Whether it has receive times, register 0x0900.
     pub has_times: bool,
     /// Its clock, if it has one.
     pub clock: Option<ClockRegisters>,
@@ -60,11 +60,11 @@ pub(super) struct ClockRegisters {
     pub start: u16,
     /// Registers 0x0934 and 0x0935.
     pub depths: [u8; 2],
-    /// A counter of 64 bits, so that 0x0920 has 8 bytes.
+    /// Whether its counter has 64 bits, so that 0x0920 has 8 bytes.
     pub wide: bool,
 }
 
-/// Looks at all devices; nothing is written. A device in operation ends it.
+/// Reads all devices; nothing is written. A device in operation is an error.
 pub(super) fn look(bus: &mut Bus<'_>) -> Result<Vec<Found>, Trouble> {
     let count = bus.count()?;
     if count == 0 {
@@ -134,7 +134,7 @@ fn check(bus: &mut Bus<'_>, device: &Found) -> Result<(), Trouble> {
     Ok(())
 }
 
-/// Puts the clocks' registers back, each device for itself; says which did not take it.
+/// Restores the clocks' registers, each device independently. Returns the devices that failed.
 ///
 /// The write to 0x0930 comes last, as it clears what the filters took in meanwhile.
 pub(super) fn put_back(bus: &mut Bus<'_>, devices: &[Found]) -> Vec<(usize, Trouble)> {

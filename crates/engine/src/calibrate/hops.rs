@@ -1,4 +1,4 @@
-//! Round trips and latches, many times: delay and jitter of each hop.
+//! Delay and jitter of each hop, from many round trips and latches.
 
 use isocat_wire::Command;
 use isocat_wire::PortNumber;
@@ -9,39 +9,41 @@ use isocat_wire::time::Nanos;
 use super::bus::{Bus, Trouble, number};
 use super::found::Found;
 
-/// The hop to a device, and how long frames are away behind it.
+/// The hop to a device, and the round trip behind it.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Hop {
-    /// The device above and its port; `None` for the first device, or if open ports make no tree.
+    /// The device above and its port; `None` for the first device, or if the open ports do not form
+    /// a tree.
     pub above: Option<(usize, PortNumber)>,
-    /// From a frame's arrival at this device until it is back for the last time: 0 at the end of a
-    /// line. ns.
+    /// Time from a frame's arrival at this device until its last return, ns: 0 at the end of a
+    /// line.
     pub round_trip: Spread,
-    /// Half of what the frame is away from the port above and not here: the delay of the hop if it
-    /// is the same both ways and the two ESCs keep frames equally long. ns.
+    /// Half of the difference between the frame's time away from the port above and its round trip
+    /// behind this device, ns. It is the delay of the hop if both directions are equal and the two
+    /// ESCs keep frames equally long.
     pub one_way: Option<Spread>,
-    /// Latches.
+    /// Number of latches.
     pub latches: usize,
-    /// tDiff of this device, ns, and the standard error: how much longer a frame stays on its way
-    /// through the processing unit than on its way back. `None` at the end of a line.
+    /// tDiff of this device, ns, and the standard error: the time that a frame stays on its way
+    /// through the processing unit, less that on its way back. `None` at the end of a line.
     pub t_diff: Option<(f64, f64)>,
 }
 
-/// Many readings of one thing.
+/// Statistics of repeated readings of one quantity.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Spread {
     /// Mean.
     pub mean: f64,
     /// Standard deviation of one reading.
     pub deviation: f64,
-    /// Least.
+    /// Smallest reading.
     pub least: f64,
-    /// Largest.
+    /// Largest reading.
     pub most: f64,
 }
 
 impl Spread {
-    /// Of these readings; all 0 without any.
+    /// The statistics of these readings; all 0 without any.
     pub(super) fn of(readings: &[f64]) -> Self {
         if readings.is_empty() {
             return Self::default();
@@ -115,13 +117,13 @@ fn visited(device: &Found) -> impl Iterator<Item = PortNumber> + '_ {
     PortNumber::PROCESSING_ORDER.into_iter().filter(|port| device.open[port.index()])
 }
 
-/// From the first port to the last; `None` where the times run backwards.
+/// Time from the first port to the last; `None` if the times run backwards.
 pub(super) fn round_trip(device: &Found, times: &[u32; 4]) -> Option<f64> {
     let last = visited(device).last()?;
     span(times[PortNumber::P0.index()], times[last.index()])
 }
 
-/// How long a frame was away through a port.
+/// Time that a frame was away through a port.
 pub(super) fn branch(device: &Found, port: PortNumber, times: &[u32; 4]) -> Option<f64> {
     let before = visited(device).take_while(|visited| *visited != port).last()?;
     span(times[before.index()], times[port.index()])
@@ -132,8 +134,8 @@ fn span(from: u32, to: u32) -> Option<f64> {
     (span >= 0).then(|| f64::from(span))
 }
 
-/// The device and port above each, by open ports; none of them if these make no tree. Frames are
-/// taken to come in at port 0.
+/// The device and port above each device, by open ports; all `None` if these do not form a tree.
+/// Frames are assumed to come in at port 0.
 pub(super) fn parents(found: &[Found]) -> Vec<Option<(usize, PortNumber)>> {
     let mut free: Vec<(usize, PortNumber)> = Vec::new();
     let mut parents = Vec::with_capacity(found.len());
@@ -152,5 +154,5 @@ pub(super) fn parents(found: &[Found]) -> Vec<Option<(usize, PortNumber)>> {
     if free.is_empty() { parents } else { Vec::new() }
 }
 
-/// Latches of the receive times.
+/// Number of latches of the receive times.
 const LATCHES: usize = 128;

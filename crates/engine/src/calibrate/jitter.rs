@@ -1,10 +1,10 @@
-//! The jitter of hops: what latches show of it, and what it does to the instants of frames.
+//! The jitter of hops, as latches show it, and its effect on the instants of frames.
 //!
 //! A port takes a frame over at an edge of its own clock (40 ns for copper, 10 ns for EBUS), so the
-//! time of a hop is a saw tooth that goes round as two crystals slip past each other. It is no noise
-//! of each frame for itself: between crystals 1 ppm apart a tooth lasts 40 ms, and frames within it
-//! are late by the same. Its height is measured here and its pace is that of the crystals. Its phase
-//! can't be measured and is drawn at random.
+//! time of a hop is a saw tooth that repeats as two crystals slip past each other. It is not
+//! independent noise of each frame: between crystals 1 ppm apart a tooth lasts 40 ms, and frames
+//! within it are late by the same time. Its height is measured here, and its pace is that of the
+//! crystals. Its phase cannot be measured and is drawn at random.
 
 use isocat_sim::random::Stream;
 use isocat_wire::PortNumber;
@@ -13,26 +13,26 @@ use super::clocks::Fix;
 use super::found::{Found, PortKind};
 use super::hops::parents;
 
-/// The jitter of the way from one clock to the next one behind it.
+/// The jitter of the path from one clock to the next clock behind it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Jitter {
     /// Position of the clock above.
     pub above: usize,
     /// Kind of the port at which frames come in, register 0x0007.
     pub port: PortKind,
-    /// Standard deviation of a frame's time on the way, ns, and the standard error; `None`: the two
-    /// crystals are so much alike that no tooth went by.
+    /// Standard deviation of a frame's time on the path, ns, and the standard error. `None`: the
+    /// two crystals are so much alike that no tooth passed.
     pub deviation: Option<(f64, f64)>,
-    /// Latches.
+    /// Number of latches.
     pub latches: usize,
 }
 
-/// What jitter adds on the way to one clock: a saw tooth.
+/// The jitter of the path to one clock: a saw tooth.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Saw {
-    /// Height and period, ns, and the standard error of it.
+    /// Height and period, ns, and the standard error.
     pub period: (f64, f64),
-    /// How fast it goes round, ns per ns, and the standard error of it.
+    /// Slip of the tooth, ns per ns, and the standard error.
     pub slip: (f64, f64),
 }
 
@@ -45,7 +45,7 @@ pub(super) struct Drawn {
 }
 
 impl Saw {
-    /// One that may be.
+    /// Draws a possible saw tooth.
     pub fn draw(&self, chance: &mut Stream) -> Drawn {
         Drawn {
             period: (self.period.0 + self.period.1 * normal(chance)).max(0.0),
@@ -54,7 +54,7 @@ impl Saw {
         }
     }
 
-    /// Standard error of the mean over these instants, its phase unknown.
+    /// Standard error of the mean over these instants, with an unknown phase.
     pub fn error_of_mean(&self, instants: &[i64]) -> f64 {
         let square: f64 = phases(*self)
             .map(|drawn| {
@@ -67,7 +67,7 @@ impl Saw {
 }
 
 impl Drawn {
-    /// How much later than on the average a frame is at this time since any fixed one, ns.
+    /// Lateness of a frame against the average, ns, at this time since any fixed instant.
     pub fn late(&self, since: f64) -> f64 {
         if self.period <= 0.0 {
             return 0.0;
@@ -83,9 +83,9 @@ impl Drawn {
     }
 }
 
-/// For each clock beside the reference the clock above it: the next one on the way to the first
-/// device, or the reference if that is in another branch. As an index of followers; `None`: the
-/// reference.
+/// For each clock other than the reference, the clock above it: the next one on the way to the
+/// first device, or the reference if that is in another branch. The clock is an index of followers;
+/// `None` is the reference.
 pub(super) fn above(found: &[Found], reference: usize, followers: &[usize]) -> Vec<Option<usize>> {
     let parents = parents(found);
     let up = |position: usize| parents.get(position).copied().flatten().map(|(above, _)| above);
@@ -102,8 +102,8 @@ pub(super) fn above(found: &[Found], reference: usize, followers: &[usize]) -> V
     followers.iter().map(|position| next(*position)).collect()
 }
 
-/// What latches show of the hop to one follower. `slip`: how much faster its crystal is than that
-/// of the clock above.
+/// The jitter of the hop to one follower, from latches. `slip` is how much faster its crystal runs
+/// than that of the clock above.
 pub(super) fn measure(
     fixes: &[&Fix],
     (follower, above): (usize, Option<usize>),
@@ -121,8 +121,8 @@ pub(super) fn measure(
             .map(|number| (fix.latches[number].0 as f64, rest(number)))
             .collect::<Vec<_>>()
     }));
-    // Times are told in ticks of 10 ns. Where a port has edges of its own they stand at the same
-    // place in each tick; where it has none the ticks of both clocks are in the figure.
+    // Receive times have ticks of 10 ns. If a port has edges of its own, they are at the same place
+    // in each tick; if it has none, the figure contains the ticks of both clocks.
     let ticks: f64 = [Some(follower), above]
         .iter()
         .map(|clock| if on_edges(fixes, *clock) { 0.0 } else { TICK * TICK / 12.0 })
@@ -132,13 +132,13 @@ pub(super) fn measure(
     let saw = Saw { period: (middle * SQRT_12, 0.0), slip };
     let (mean, spread) = shown(fixes, saw);
     let one = if mean > 0.0 { mean } else { 1.0 };
-    // Within the limits that ticks leave it may be anywhere.
+    // Within the limits that ticks leave the value may be anywhere.
     let error = (middle / one * spread).hypot((most - least) / 2.0).hypot(LEAST_ERROR);
     (Some((middle / one, error)), latches)
 }
 
-/// What would be taken for the deviation of a saw tooth at these latches, as a share of what it is:
-/// mean and standard deviation over its phases. Few teeth are not seen whole.
+/// The apparent deviation of a saw tooth at these latches, as a share of the true one: mean and
+/// standard deviation over its phases. If there are few teeth, they are not seen whole.
 fn shown(fixes: &[&Fix], saw: Saw) -> (f64, f64) {
     if saw.period.0 <= 0.0 {
         return (1.0, 0.0);
@@ -147,7 +147,7 @@ fn shown(fixes: &[&Fix], saw: Saw) -> (f64, f64) {
     let each: Vec<f64> = phases(saw)
         .map(|drawn| {
             let variance = pooled(fixes.iter().enumerate().map(|(number, fix)| {
-                // The phases in several fixes have nothing to do with each other.
+                // The phases in several fixes are independent.
                 let phase = (drawn.phase + number as f64 * GOLDEN).fract();
                 let drawn = Drawn { phase, ..drawn };
                 fix.latches
@@ -183,8 +183,8 @@ fn pooled(series: impl Iterator<Item = Vec<(f64, f64)>>) -> f64 {
     if free > 0.0 { square / free } else { 0.0 }
 }
 
-/// Whether a clock's receive times stand at one place of 40 ns, as those of a port of copper with
-/// edges of its own do. `None`: the reference.
+/// Whether a clock's receive times are at one place of 40 ns, as those of a copper port with edges
+/// of its own are. `None`: the reference.
 fn on_edges(fixes: &[&Fix], clock: Option<usize>) -> bool {
     fixes.iter().all(|fix| {
         let turn = |number: usize| {
@@ -200,19 +200,19 @@ fn on_edges(fixes: &[&Fix], clock: Option<usize>) -> bool {
     })
 }
 
-/// Height and period of the saw tooth on a way, ns, and the standard error.
+/// Height and period of the saw tooth on a path, ns, and the standard error.
 pub(super) fn period(jitter: &Jitter) -> (f64, f64) {
     match (jitter.port, jitter.deviation) {
-        // The edges of such a port are as far apart as the ticks that hide them: less than what is
-        // there would be taken for it.
+        // The edges of such a port are as far apart as the ticks that hide them, so the measurement
+        // would give less than the real value.
         (PortKind::Ebus, _) => (TICK, TICK / 4.0),
         (_, Some((value, error))) => (value * SQRT_12, error * SQRT_12),
-        // No edge went by: anything up to what copper has.
+        // No edge passed: the value may be anything up to that of copper.
         (_, None) => (COPPER / 2.0, COPPER / 4.0),
     }
 }
 
-/// Where frames come in.
+/// The port at which frames come in.
 pub(super) fn entry(found: &Found) -> PortKind {
     found.ports[PortNumber::P0.index()]
 }
@@ -227,18 +227,18 @@ pub(super) fn normal(chance: &mut Stream) -> f64 {
 const SQRT_12: f64 = 3.464_101_615_137_754_6;
 /// Steps of what is drawn.
 const PHASES: u64 = 1 << 24;
-/// Phases that are tried.
+/// Number of phases that are tried.
 const TRIED: usize = 64;
-/// Multiples of it are spread evenly over a turn.
+/// Its multiples are spread evenly over a turn.
 const GOLDEN: f64 = 0.618_033_988_749_895;
-/// Less than one and a half teeth of copper within a fix show no height, ns.
+/// Fewer than one and a half teeth of copper within a fix show no height, ns.
 const LEAST_SLIP: f64 = 60.0;
-/// Receive times are told in these, ns.
+/// Tick of receive times, ns.
 const TICK: f64 = 10.0;
 /// The nibble clock of copper, ns.
 const COPPER: f64 = 40.0;
-/// The dividers of both clocks add or leave out 1 ns now and then, and ticks are as coarse as the
-/// teeth are.
+/// The dividers of both clocks add or skip 1 ns now and then, and ticks are as coarse as the teeth
+/// are.
 const LEAST_ERROR: f64 = 0.2;
 
 #[cfg(test)]
@@ -252,11 +252,11 @@ mod tests {
         for (since, late) in [(0.0, 20.0), (1e6, 10.0), (3.9e6, -19.0), (4e6, 20.0)] {
             assert!((drawn.late(since) - late).abs() < 1e-6, "{since}: {}", drawn.late(since));
         }
-        // One instant: its whole deviation. A whole tooth: nothing.
+        // One instant has the whole deviation. A whole tooth has none.
         assert!((saw.error_of_mean(&[5]) - 40.0 / SQRT_12).abs() < 0.01);
         let whole: Vec<i64> = (0..400).map(|number| number * 10_000).collect();
         assert!(saw.error_of_mean(&whole) < 0.1);
-        // Half a tooth: a quarter of the height either way.
+        // Half a tooth has a quarter of the height either way.
         assert!((saw.error_of_mean(&whole[..200]) - 20.0 / SQRT_12).abs() < 1.0);
     }
 

@@ -1,5 +1,5 @@
-//! Which law a follower keeps: how likely each makes what was measured, and the parameter that fits
-//! best.
+//! Finds the law of a follower: the likelihood of the measurement under each law, and the parameter
+//! that fits best.
 
 use isocat_esc::DriftLaw;
 use isocat_sim::random::Stream;
@@ -8,44 +8,45 @@ use super::course::Course;
 use super::likelihood::{Prediction, means};
 use super::replay::{Known, Unknowns, predict, reading_variances, shown};
 
-/// How well one law fits.
+/// The fit of one law.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Fit {
     /// The law, with the parameter that fits best.
     pub law: DriftLaw,
     /// Root mean square of measured less predicted, in standard deviations.
     pub misfit: f64,
-    /// Minus twice the logarithm of the likelihood, but for a constant: the sum of those squares, and
-    /// what a law that predicts less sharply is held to account for.
+    /// Minus twice the logarithm of the likelihood, without a constant: the sum of those squares,
+    /// plus a penalty for a law that predicts less sharply.
     pub unlikely: f64,
     /// The parameter as a real number, and its standard error: the phase, or the gain of
-    /// `proportional`. `None` if the law does not fit, or beyond what is tried.
+    /// `proportional`. `None` if the law does not fit, or if the parameter is beyond the tried
+    /// range.
     pub parameter: Option<(f64, f64)>,
 }
 
-/// What was found out about a follower's law.
+/// The result for a follower's law.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Verdict {
     /// One law fits, and the others do not.
     Told(Fit),
-    /// Several fit: the measurement can't tell them apart.
+    /// Several fit: the measurement cannot distinguish them.
     NotToldApart(Vec<Fit>),
-    /// None of them fits.
+    /// No law fits.
     NoneFits,
 }
 
-/// A follower's law by its courses.
+/// The judgement of a follower's law from its courses.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Judgement {
-    /// What it is.
+    /// The verdict.
     pub verdict: Verdict,
     /// The best of each family, best first.
     pub fits: Vec<Fit>,
-    /// Numbers compared.
+    /// Number of compared values.
     pub numbers: usize,
 }
 
-/// Compares what the courses show with what each law would have shown.
+/// Compares what the courses show with the prediction of each law.
 pub(super) fn judge(courses: &[Course], known: &[Known]) -> Judgement {
     let courses: Vec<Replayable<'_>> =
         courses.iter().zip(known).map(|(course, known)| Replayable::new(course, known)).collect();
@@ -57,8 +58,8 @@ pub(super) fn judge(courses: &[Course], known: &[Known]) -> Judgement {
         rough.into_iter().partition(|(rough, _)| rough.unlikely - least < FAR);
     let mut fits: Vec<Fit> =
         near.iter().map(|(rough, family)| best(&courses, rough.at, family)).collect();
-    // Of a family that is far off the shorter courses say enough, by how much it is less likely: but
-    // not that nothing fits.
+    // For a family that is far off, the shorter courses suffice to tell how much less likely it is.
+    // They do not suffice to tell that nothing fits.
     let likeliest = fits.iter().map(|fit| fit.unlikely).fold(f64::INFINITY, f64::min);
     let any_fits = fits.iter().any(|fit| fit.misfit <= MOST_MISFIT);
     fits.extend(far.iter().map(|(rough, family)| match any_fits {
@@ -75,7 +76,7 @@ pub(super) fn judge(courses: &[Course], known: &[Known]) -> Judgement {
     Judgement { verdict: verdict(&fits), fits, numbers }
 }
 
-/// What fits, most likely first, say together.
+/// The verdict of these fits, most likely first.
 fn verdict(fits: &[Fit]) -> Verdict {
     let least = fits.first().map_or(0.0, |best| best.unlikely);
     let near = |fit: &&Fit| fit.misfit <= MOST_MISFIT && fit.unlikely - least < TOLD_APART;
@@ -87,11 +88,11 @@ fn verdict(fits: &[Fit]) -> Verdict {
     }
 }
 
-/// The best of a family, from the law at `at` on.
+/// The best law of a family, searched from index `at`.
 fn best(courses: &[Replayable<'_>], mut at: usize, family: &[DriftLaw]) -> Fit {
     let mut here = Replayed::new(courses, family[at]);
-    // Uphill to the likeliest. What does not fit says little of the laws beside it, so they are
-    // replayed in full.
+    // The search climbs to the most likely law. A law that does not fit says little of its
+    // neighbours, so they are replayed in full.
     let beside = loop {
         let beside = [at.checked_sub(1), Some(at + 1).filter(|next| *next < family.len())];
         let beside = beside.map(|next| Some((next?, here.beside(courses, family[next?]))));
@@ -110,13 +111,13 @@ fn best(courses: &[Replayable<'_>], mut at: usize, family: &[DriftLaw]) -> Fit {
     let fits = here.misfit <= MOST_MISFIT;
     let parameter = below.zip(above).filter(|_| fits).map(|(below, above)| {
         let (steps, error) = here.refine(&below, &above);
-        // What fits worse than chance would have it is known worse, too.
+        // If the fit is worse than chance explains, the parameter is less exact, too.
         let error = (error * here.misfit.max(1.0)).hypot(LEAST_ERROR);
         match family[at] {
             DriftLaw::Hold { phase } | DriftLaw::Block { phase } => {
                 (f64::from(phase) + steps, error)
             }
-            // Gains double from one to the next.
+            // Gains double from one law to the next.
             DriftLaw::Proportional { gain, .. } => {
                 let gain = f64::from(gain) * steps.exp2();
                 (gain, gain * std::f64::consts::LN_2 * error)
@@ -126,8 +127,8 @@ fn best(courses: &[Replayable<'_>], mut at: usize, family: &[DriftLaw]) -> Fit {
     Fit { law: family[at], misfit: here.misfit, unlikely: here.unlikely, parameter }
 }
 
-/// A course as one follower showed it, with draws of what is not known. They are the same for each
-/// law, so laws differ by themselves alone.
+/// A course of one follower, with draws of the unknown quantities. The draws are the same for each
+/// law, so that only the laws differ.
 struct Replayable<'a> {
     course: &'a Course,
     shown: Vec<f64>,
@@ -147,13 +148,13 @@ impl<'a> Replayable<'a> {
         }
     }
 
-    /// What a law would have shown with the first of the draws.
+    /// The prediction of a law with the first `draws` draws.
     fn predicted(&self, law: DriftLaw, draws: usize) -> Vec<Vec<f64>> {
         self.draws[..draws].iter().map(|draw| predict(self.course, law, draw)).collect()
     }
 }
 
-/// The best of a family by the shorter courses and few draws.
+/// The best law of a family by the shorter courses and few draws.
 struct Rough {
     at: usize,
     unlikely: f64,
@@ -187,19 +188,19 @@ struct Replayed {
     misfit: f64,
 }
 
-/// One of them.
+/// One course under one law.
 struct Compared {
     prediction: Prediction,
     rests: Vec<f64>,
-    /// The means of the few draws that neighbours get.
+    /// The means of the few draws that neighbours use.
     few: Vec<f64>,
 }
 
-/// A law beside one that was replayed.
+/// A law next to one that was replayed.
 struct Beside {
     /// Means of few draws, of each course.
     few: Vec<Vec<f64>>,
-    /// How unlikely it is if its errors are those of the other.
+    /// Its `unlikely` if its errors are those of the replayed law.
     unlikely: f64,
 }
 
@@ -220,7 +221,7 @@ impl Replayed {
         Self { each, unlikely: square + breadth, misfit }
     }
 
-    /// Another law beside this one, by what few of the same draws change.
+    /// A law next to this one, from the change over few of the same draws.
     fn beside(&self, courses: &[Replayable<'_>], law: DriftLaw) -> Beside {
         let few: Vec<Vec<f64>> =
             courses.iter().map(|course| means(&course.predicted(law, FEW_DRAWS))).collect();
@@ -233,8 +234,8 @@ impl Replayed {
         Beside { few, unlikely }
     }
 
-    /// Where between its neighbours the parameter fits best, in steps from here, and the standard
-    /// error: one step of least squares.
+    /// The place between the neighbours where the parameter fits best, in steps from here, and the
+    /// standard error: one step of least squares.
     fn refine(&self, below: &Beside, above: &Beside) -> (f64, f64) {
         let (mut product, mut square) = (0.0, 0.0);
         for (here, (below, above)) in self.each.iter().zip(below.few.iter().zip(&above.few)) {
@@ -268,8 +269,8 @@ const fn proportional(gain: u16) -> DriftLaw {
     DriftLaw::Proportional { gain, limit: 1_000 }
 }
 
-/// The laws that are tried, by family, each with its parameter in order: what the public record
-/// admits and some more on both sides.
+/// The laws that are tried, by family, each with its parameter in order: those of the public
+/// record, and some more on both sides.
 const FAMILIES: [&[DriftLaw]; 3] = [
     &[hold(6), hold(7), hold(8), hold(9), hold(10), hold(11), hold(12), hold(13), hold(14)],
     &[
@@ -287,18 +288,19 @@ const FAMILIES: [&[DriftLaw]; 3] = [
 ];
 /// A law fits up to this misfit, in standard deviations.
 pub const MOST_MISFIT: f64 = 3.0;
-/// Laws are told apart by this difference of likelihood: five standard deviations.
+/// Laws are distinguished by this difference of likelihood: five standard deviations.
 pub const TOLD_APART: f64 = 25.0;
-/// What the exponent can be off by however good the figures are: rounding of a step.
+/// Lower bound of the exponent's error, however good the figures are: the rounding of a step.
 const LEAST_ERROR: f64 = 0.0005;
-/// Draws of what is not known exactly: for a first look, for neighbours, and for the figures.
+/// Numbers of draws of the unknown quantities: for a first look, for neighbours, and for the
+/// figures.
 const ROUGH_DRAWS: usize = 6;
 const FEW_DRAWS: usize = 10;
 const DRAWS: u64 = 40;
-/// Drift frames of a course that is looked at first.
+/// Drift frames of a course in the first look.
 const SHORT: usize = 300;
-/// A family is not looked at again if the shorter courses say that it is so much less likely than
-/// another one: thirty standard deviations.
+/// A family is skipped after the first look if it is this much less likely than another one: thirty
+/// standard deviations.
 const FAR: f64 = 900.0;
 /// The draws are the same in each judgement.
 const SEED: u64 = 1;

@@ -1,7 +1,7 @@
-//! How likely measured numbers are beside predicted ones whose errors hang together: a shift of a
-//! clock at the start moves every number behind it.
+//! Likelihood of measured numbers against predicted ones with correlated errors: a shift of a clock
+//! at the start moves every number after it.
 
-/// What is predicted of several numbers: their means, and how they vary together.
+/// A prediction of several numbers: their means and their covariance.
 pub(super) struct Prediction {
     means: Vec<f64>,
     /// Lower triangle L of the covariance L L'.
@@ -9,13 +9,14 @@ pub(super) struct Prediction {
 }
 
 impl Prediction {
-    /// Of several draws of what is not known, beside the variances of the readings. `together`:
-    /// errors hang together; it takes at least five draws more than there are numbers.
+    /// The prediction from several draws of the unknown quantities, plus the variances of the
+    /// readings. `together` means that errors are correlated; it needs at least five draws more
+    /// than there are numbers.
     pub fn of(drawn: &[Vec<f64>], readings: &[f64], together: bool) -> Self {
         let (count, numbers) = (drawn.len() as f64, readings.len());
         let means = means(drawn);
-        // The mean of few draws is off, too; and a covariance of few draws looks narrower in some
-        // direction than it is (Hartlap, Simon and Schneider, 2007).
+        // The mean of few draws has an error, too; and a covariance of few draws looks narrower in
+        // some direction than it is (Hartlap, Simon and Schneider, 2007).
         let narrow = if together { (count - 1.0) / (count - numbers as f64 - 2.0) } else { 1.0 };
         let more = (1.0 + 1.0 / count) * narrow;
         let mut covariance = vec![vec![0.0; numbers]; numbers];
@@ -33,19 +34,20 @@ impl Prediction {
         Self { means, root: root(covariance) }
     }
 
-    /// Measured less predicted, as numbers that vary by one, each for itself.
+    /// Measured less predicted, as independent numbers of variance 1.
     pub fn rests(&self, found: &[f64]) -> Vec<f64> {
         let rests: Vec<f64> = found.iter().zip(&self.means).map(|(one, mean)| one - mean).collect();
         self.whitened(&rests)
     }
 
-    /// What numbers change by from one prediction to another, in the same units as rests.
+    /// Change of the numbers from one prediction to another, in the same units as rests.
     pub fn change(&self, from: &[f64], to: &[f64]) -> Vec<f64> {
         let change: Vec<f64> = from.iter().zip(to).map(|(a, b)| b - a).collect();
         self.whitened(&change)
     }
 
-    /// Logarithm of the covariance's determinant: a law that predicts anything fits anything.
+    /// Logarithm of the covariance's determinant: it penalizes a law that predicts anything, since
+    /// that fits anything.
     pub fn breadth(&self) -> f64 {
         self.root.iter().enumerate().map(|(at, row)| 2.0 * row[at].ln()).sum()
     }
@@ -71,8 +73,8 @@ pub(super) fn means(drawn: &[Vec<f64>]) -> Vec<f64> {
     sums.iter().map(|sum| sum / drawn.len() as f64).collect()
 }
 
-/// Cholesky's root of a matrix of which the lower triangle is given. Readings have errors of their
-/// own, so nothing is left without any.
+/// Cholesky root of a matrix whose lower triangle is given. Readings have errors of their own, so
+/// no variance is zero.
 fn root(mut matrix: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     for row in 0..matrix.len() {
         for column in 0..=row {
@@ -85,18 +87,18 @@ fn root(mut matrix: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     matrix
 }
 
-/// Of what rounding leaves of a variance.
+/// Lower bound of a variance after rounding.
 const LEAST: f64 = 1e-9;
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Two numbers of variance 4 that move together by half: a rest of (2, 2) is 8/6 squares, one of
-    /// (2, -2) is 8/2.
+    /// Two numbers of variance 4 that move together by half: a rest of (2, 2) is 8/6 squares, one
+    /// of (2, -2) is 8/2.
     #[test]
     fn rests_know_what_hangs_together() {
-        // Draws with exactly this covariance, many of them.
+        // Many draws with exactly this covariance.
         let (a, b) = (3f64.sqrt(), 1.0);
         let drawn: Vec<Vec<f64>> = (0..4_000)
             .map(|number| {

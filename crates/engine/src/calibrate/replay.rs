@@ -1,5 +1,5 @@
-//! What each law would have done in a course: the software ESC gets the drift frames that the
-//! device got, at the same instants, on a crystal that runs as the device's does.
+//! What each law would have done in a course. The software ESC gets the drift frames that the
+//! device got, at the same instants, and a crystal that runs as the device's does.
 
 use isocat_esc::{DriftLaw, ET1100, Esc, Passing};
 use isocat_sim::random::Stream;
@@ -12,19 +12,19 @@ use isocat_wire::{Command, PortNumber, Time};
 use super::course::{Ahead, Course};
 use super::jitter::{Drawn, Saw, normal};
 
-/// What is known of one follower in a course, and how well.
+/// The known properties of one follower in a course, with their errors.
 #[derive(Clone, Debug)]
 pub(super) struct Known {
     /// Its index among the followers.
     pub follower: usize,
     /// How much faster its crystal runs than the reference's, and the standard error of it.
     pub faster: (f64, f64),
-    /// Jitter of each hop on the way to it.
+    /// Jitter of each hop on the path to it.
     pub way: Vec<Saw>,
 }
 
-/// What a course shows, or would show: one number for each look, the phase behind it, and the speed
-/// in the pause.
+/// The numbers that a course shows, or would show: one for each read, the phase after it, and the
+/// speed in the pause.
 pub(super) fn shown(course: &Course, follower: usize) -> Vec<f64> {
     let mut all: Vec<f64> =
         course.looks.iter().map(|(_, speeds)| f64::from(speeds[follower])).collect();
@@ -34,7 +34,7 @@ pub(super) fn shown(course: &Course, follower: usize) -> Vec<f64> {
     all
 }
 
-/// Variance of each of these numbers by the readings alone.
+/// Variance of each of these numbers from the readings alone.
 pub(super) fn reading_variances(course: &Course, follower: usize) -> Vec<f64> {
     let mut all = vec![LOOK_VARIANCE; course.looks.len()];
     let square = |ahead: &Ahead| ahead.by[follower].1 * ahead.by[follower].1;
@@ -45,20 +45,20 @@ pub(super) fn reading_variances(course: &Course, follower: usize) -> Vec<f64> {
     all
 }
 
-/// One draw of what is not known exactly of a course. It is the same for each law.
+/// One draw of the unknown quantities of a course. It is the same for each law.
 pub(super) struct Unknowns {
-    /// How far the follower was ahead when the course began, ns.
+    /// Lead of the follower at the beginning of the course, ns.
     ahead: f64,
     crystal: Crystal,
-    /// What the follower's crystal had counted when each drift frame passed; `None`: it was lost on
+    /// Count of the follower's crystal when each drift frame passed; `None`: the frame was lost on
     /// its way there.
     frames: Vec<Option<u64>>,
-    /// How late the latches of the two fixes behind the drift frames were, on the average.
+    /// Average lateness of the latches of the two fixes after the drift frames.
     late: [f64; 2],
 }
 
 impl Unknowns {
-    /// Draws them.
+    /// Draws the unknown quantities.
     pub fn draw(course: &Course, known: &Known, chance: &mut Stream) -> Self {
         let (ahead, ahead_error) = course.ahead[known.follower];
         let way: Vec<Drawn> = known.way.iter().map(|saw| saw.draw(chance)).collect();
@@ -68,15 +68,15 @@ impl Unknowns {
             let sum: f64 = latches.iter().map(|at| late(*at)).sum();
             sum / latches.len().max(1) as f64
         };
-        // A latch that came late shows a clock farther ahead than it is.
+        // A late latch shows a clock farther ahead than it is.
         let ahead = ahead + ahead_error * normal(chance) - late_on_average(&course.fixed);
         let faster = known.faster.0 + known.faster.1 * normal(chance);
         let crystal = Crystal { from: course.fixed_at, faster };
         let frames = course.frames.iter().map(|frame| {
-            // Where within its tick of 10 ns the reference was is not known either: it tells the
+            // The place of the reference within its tick of 10 ns is not known either: it shows the
             // last tick.
             let within = chance.up_to(TICK_STEPS) as f64 / TICK_STEPS as f64 * TICK;
-            // A lost frame was lost on its way there or on its way back.
+            // A lost frame was lost either on its way there or on its way back.
             let passed = frame.came_back || chance.up_to(1) == 0;
             passed.then(|| crystal.count(frame.at as f64 + within + late(frame.at)))
         });
@@ -86,7 +86,7 @@ impl Unknowns {
     }
 }
 
-/// What a law would have shown with one draw of what is not known exactly.
+/// The numbers that a law would have shown with one draw of the unknown quantities.
 pub(super) fn predict(course: &Course, law: DriftLaw, unknowns: &Unknowns) -> Vec<f64> {
     let mut model = Model::new(course, law, unknowns);
     let mut looks = course.looks.iter().map(|(count, _)| *count).peekable();
@@ -118,14 +118,14 @@ struct Crystal {
 }
 
 impl Crystal {
-    /// What it has counted at a local time of the reference, ns.
+    /// Its count at a local time of the reference, ns.
     fn count(&self, at: f64) -> u64 {
         let since = at - self.from;
         (ORIGIN as i64 + (since + since * self.faster).round() as i64).max(0) as u64
     }
 }
 
-/// A follower in software.
+/// A software model of a follower.
 struct Model {
     esc: Esc<Vec<u8>>,
     crystal: Crystal,
@@ -135,7 +135,7 @@ struct Model {
 impl Model {
     fn new(course: &Course, law: DriftLaw, unknowns: &Unknowns) -> Self {
         let mut image = vec![0; 128];
-        // An on-chip bus as PDI, SYNC unit on, and the check byte of these words.
+        // The image sets an on-chip bus as PDI, SYNC unit on, and the check byte of these words.
         image[..4].copy_from_slice(&[0x80, 0x0E, 0x00, 0xEE]);
         let words: [u8; 14] = std::array::from_fn(|at| image[at]);
         image[14] = isocat_wire::sii::checksum(&words);
@@ -154,8 +154,8 @@ impl Model {
         model
     }
 
-    /// A frame with one write to all. Its end comes into force with the next frame, or when it is
-    /// [settled](Self::settle).
+    /// A frame with one write to all devices. Its end takes effect with the next frame, or when it
+    /// is [settled](Self::settle).
     fn write(&mut self, address: u16, data: &mut [u8], at: u64) {
         let start = at.max(self.last + 20);
         self.last = start + FRAME;
@@ -166,13 +166,13 @@ impl Model {
         self.esc.close_frame(end, true);
     }
 
-    /// Registers take effect on the tick behind their frame.
+    /// Registers take effect on the tick after their frame.
     fn settle(&mut self) {
         let behind = Time::new(self.last + 10);
         while self.esc.step(behind).is_some() {}
     }
 
-    /// How far its system time is ahead of the reference's local time, ns, ticks averaged.
+    /// Lead of its system time over the reference's local time, ns, with ticks averaged.
     fn ahead(&self, at: f64) -> f64 {
         let device = self.crystal.count(at);
         let shown = |tick: u64| self.esc.system_time(Time::new(device + tick)).count() as i64;
@@ -182,16 +182,16 @@ impl Model {
     }
 }
 
-/// Receive times are told in these, ns.
+/// Tick of receive times, ns.
 const TICK: f64 = 10.0;
 /// Steps of an instant within a tick.
 const TICK_STEPS: u64 = 1 << 24;
 /// How long the shortest frame takes on the wire, ns.
 const FRAME: u64 = frame::duration_ns(0);
-/// The model's crystal has counted so much at the fix, ns.
+/// Count of the model's crystal at the fix, ns.
 const ORIGIN: u64 = 1_000_000_000;
-/// Register 0x0932 has whole numbers, and rounding differs: one unit.
+/// Register 0x0932 has whole numbers, and rounding differs by one unit.
 const LOOK_VARIANCE: f64 = 1.0;
-/// A unit of the speed counter difference is 11.9 ppb: rounding, and what the dividers' phase adds
-/// in a pause.
+/// A unit of the speed counter difference is 11.9 ppb. The variance covers rounding, and what the
+/// dividers' phase adds in a pause.
 const SPEED_VARIANCE: f64 = 9.0 * 9.0;

@@ -1,4 +1,4 @@
-//! How long devices take: an EEPROM read, and the states INIT and PREOP.
+//! Response times of devices: an EEPROM read, and the changes between INIT and PREOP.
 
 use isocat_wire::AlControl;
 use isocat_wire::al::{AlState, AlStatus};
@@ -12,8 +12,8 @@ use super::bus::{Bus, Trouble, number};
 use super::found::Found;
 use super::hops::Spread;
 
-/// How fast a device answers. Times are by the host's clock, from the request's departure to the
-/// answer's arrival.
+/// Response times of a device, by the host's clock from the request's departure to the answer's
+/// arrival.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct Response {
     /// One read of the EEPROM (4 or 8 bytes), ns; `None` if it failed.
@@ -22,7 +22,7 @@ pub struct Response {
     pub to_preop: Option<StateChange>,
     /// PREOP to INIT.
     pub to_init: Option<StateChange>,
-    /// The state was not as it was found at the end.
+    /// The state at the end, if it could not be restored.
     pub state_left: Option<AlStatus>,
 }
 
@@ -31,20 +31,20 @@ pub struct Response {
 pub struct Times {
     /// Their spread.
     pub spread: Spread,
-    /// Tries.
+    /// Number of tries.
     pub count: usize,
-    /// Longest time between two looks: a time may be too long by as much.
+    /// Longest time between two polls: a time may be too long by this much.
     pub grain: f64,
 }
 
 /// A change of state.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum StateChange {
-    /// It came after this time.
+    /// The state was reached after this time.
     After(Times),
-    /// It was refused, with this status and code of register 0x0134.
+    /// The state was refused, with this status and code of register 0x0134.
     Refused(AlStatus, u16),
-    /// It did not come in time.
+    /// The state was not reached within this time.
     TooLate(Nanos),
 }
 
@@ -53,7 +53,7 @@ pub(super) fn measure(bus: &mut Bus<'_>, found: &[Found]) -> Result<Vec<Response
     found.iter().map(|device| one(bus, device)).collect()
 }
 
-/// One device. What it is found with is put back even if the end is asked for meanwhile.
+/// Measures one device. Its original state is restored even after a request to stop.
 fn one(bus: &mut Bus<'_>, device: &Found) -> Result<Response, Trouble> {
     let at = device.position;
     let owner = bus.read(at, register::EEPROM_CONFIGURATION)?;
@@ -115,7 +115,7 @@ fn measure_one(bus: &mut Bus<'_>, device: &Found, response: &mut Response) -> Re
     Ok(())
 }
 
-/// State, SyncManagers and EEPROM as they were found.
+/// Restores the original state, SyncManagers and EEPROM owner.
 fn put_back(
     bus: &mut Bus<'_>,
     device: &Found,
@@ -133,7 +133,7 @@ fn put_back(
         change(bus, device, AlState::Init)?;
     }
     if let Some(managers) = managers {
-        // An active SyncManager takes no other settings.
+        // An active SyncManager accepts no other settings.
         for number in 0..2 {
             bus.write(at, register::sm_activate(number).address, &[0])?;
         }
@@ -148,7 +148,8 @@ fn put_back(
     Ok(())
 }
 
-/// Reads two words; how long it took, and by how much that may be too long.
+/// Two words that were read, the time the read took, and the amount by which that time may be too
+/// long.
 type Read = ((Nanos, Nanos), [u16; 2]);
 
 fn eeprom(bus: &mut Bus<'_>, at: usize, word: u16) -> Result<Option<Read>, Trouble> {
@@ -208,8 +209,8 @@ fn change(bus: &mut Bus<'_>, device: &Found, state: AlState) -> Result<StateChan
     }
 }
 
-/// Writes AL control; whether it was taken: it is locked until the device has read the request
-/// before.
+/// Writes AL control. Returns whether the write was accepted: the register is locked until the
+/// device has read the previous request.
 fn offer(bus: &mut Bus<'_>, at: usize, control: &[u8]) -> Result<bool, Trouble> {
     let ask = super::bus::write(at, register::AL_CONTROL.address, control.to_vec());
     Ok(bus.ask(&[ask])?[0].wkc == 1)
@@ -223,7 +224,7 @@ fn times(tries: &[(Nanos, Nanos)]) -> Option<Times> {
 
 const EEPROM_READS: usize = 8;
 const EEPROM_PATIENCE: Nanos = Nanos::millis(50);
-/// As a MainDevice has it for PREOP.
+/// The same limit as a MainDevice has for PREOP.
 const STATE_PATIENCE: Nanos = Nanos::millis(3_000);
-/// From one look at the state to the next.
+/// Time from one poll of the state to the next.
 const STATE_PACE: Nanos = Nanos::micros(100);

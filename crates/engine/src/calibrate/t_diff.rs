@@ -1,11 +1,11 @@
-//! tDiff of a device: how much longer it keeps a frame on its way through the processing unit than one
-//! that only passes on its way back.
+//! tDiff of a device: the time that it keeps a frame on its way through the processing unit, less
+//! the time that it keeps it on its way back.
 //!
-//! Receive times alone hold the sum of both ways. So the ports behind the device are closed for a
-//! moment: then it turns the frame around behind the processing unit, and what the frame is away
-//! from the device above changes by tDiff. That closed ports take no time of their own is taken from
-//! the data sheets. The setting is a temporary one (0x0100 bit 1): the device takes it back by
-//! itself after about a second, even if it can no longer be reached.
+//! Receive times alone contain only the sum of both ways. So the ports behind the device are closed
+//! for a moment. The device then turns the frame around behind the processing unit, and the frame's
+//! time away from the device above changes by tDiff. That closed ports add no time is taken from
+//! the data sheets. The setting is a temporary one (0x0100 bit 1): the device reverts it by itself
+//! after about a second, even if it can no longer be reached.
 
 use isocat_wire::Command;
 use isocat_wire::PortNumber;
@@ -17,7 +17,7 @@ use super::bus::{Bus, Trouble, number};
 use super::found::Found;
 use super::hops::{branch, parents, round_trip};
 
-/// tDiff of each device by position, ns, and its standard error; `None` at the end of a line and
+/// tDiff of each device by position, ns, and its standard error; `None` at the end of a line, and
 /// without receive times here or above.
 pub(super) fn measure(
     bus: &mut Bus<'_>,
@@ -39,7 +39,8 @@ pub(super) fn measure(
     Ok(all)
 }
 
-/// Opened and closed in turn, so that clocks that slip past each other are met alike.
+/// Measures one device. Its ports are opened and closed in turn, so that the slip of the clocks
+/// affects both alike.
 fn one(
     bus: &mut Bus<'_>,
     device: &Found,
@@ -74,7 +75,7 @@ fn one(
     Ok(Some((value, error.max(scatter))))
 }
 
-/// What is behind the device is cut off for as long as it takes.
+/// Takes readings with closed ports. The devices behind are cut off during that time.
 fn closed(
     bus: &mut Bus<'_>,
     device: &Found,
@@ -90,7 +91,7 @@ fn closed(
     readings(bus, device, above, false)
 }
 
-/// DL control as it was found; waits until all devices are there again.
+/// Restores DL control, and waits until all devices answer again.
 fn open_again(
     bus: &mut Bus<'_>,
     device: &Found,
@@ -109,7 +110,7 @@ fn open_again(
     Err(Trouble::Count { position: None, address, expected: count as u16, found })
 }
 
-/// How long frames were away from the device above, less what they were away behind this one.
+/// The time that frames were away from the device above, less their round trip behind this one.
 fn readings(
     bus: &mut Bus<'_>,
     device: &Found,
@@ -129,13 +130,13 @@ fn readings(
             let behind = if open { round_trip(device, &times(1)) } else { Some(0.0) };
             all.extend(away.zip(behind).map(|(away, behind)| away - behind));
         }
-        // No multiple of ticks or of the teeth of jitter.
+        // The pace is no multiple of ticks or of the teeth of jitter.
         bus.wait(Nanos(PACE.0 / 2 + PACE.0 * (count as i64 * 617 % 997) / 997))?;
     }
     Ok(all)
 }
 
-/// Mean and standard error; `None` if most were lost.
+/// Mean and standard error; `None` if most readings were lost.
 fn mean(readings: &[f64]) -> Option<(f64, f64)> {
     let count = readings.len() as f64;
     if readings.len() < LATCHES / 2 {
@@ -143,18 +144,18 @@ fn mean(readings: &[f64]) -> Option<(f64, f64)> {
     }
     let mean = readings.iter().sum::<f64>() / count;
     let square: f64 = readings.iter().map(|one| (one - mean) * (one - mean)).sum();
-    // Readings in ticks of 10 ns may all be alike: the next one might still be another tick.
+    // Readings in ticks of 10 ns may all be equal: the next one might still be another tick.
     Some((mean, (square / (count - 1.0) / count).sqrt().hypot(10.0 / count)))
 }
 
 /// DL control, byte 0x0100: the setting ends after about one second.
 const TEMPORARY: u8 = 1 << 1;
-/// Byte 0x0101, two bits for each port: closed whatever the link is.
+/// Byte 0x0101, two bits for each port: closed whatever the link state is.
 const CLOSED: u8 = 0b11;
 const ROUNDS: usize = 3;
-/// At their pace they take 0.2 s, far less than a temporary setting holds, and less than what an
-/// idle mailbox or a watchdog notices.
+/// At this pace the latches take 0.2 s. That is far less than a temporary setting lasts, and less
+/// than an idle mailbox or a watchdog notices.
 const LATCHES: usize = 48;
 const PACE: Nanos = Nanos::millis(4);
-/// How often devices behind a port that was opened are looked for.
+/// Number of polls for the devices behind a port that was opened.
 const LOOKS: usize = 50;

@@ -6,12 +6,12 @@ use isocat_segment::keys::{self, Place};
 
 use super::Meaning;
 
-/// A key in every place where it may stand.
+/// The meanings of a key in every place where it may occur.
 pub(super) fn meanings(name: &str) -> Vec<Meaning> {
     keys::find(name).iter().map(meaning).collect()
 }
 
-/// Keys that are near.
+/// Similar keys.
 pub(super) fn hint(name: &str) -> String {
     name_hint(name, keys::all().map(|place| place.key.name))
 }
@@ -42,7 +42,7 @@ fn meaning(place: &Place) -> Meaning {
     }
 }
 
-/// What the words of a key mean, or which keys its table has.
+/// The meaning of each word of a key, or the keys of its table.
 fn words(key: &Key) -> Vec<String> {
     match key.kind {
         Kind::Choice(choice) => {

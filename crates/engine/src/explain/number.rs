@@ -5,7 +5,7 @@
 pub(super) struct Number {
     /// Its value.
     pub value: u32,
-    /// It was written with more than four hex digits, as a number of 32 bits is.
+    /// It was written with more than four hex digits, as 32-bit numbers are.
     pub long: bool,
 }
 
@@ -19,8 +19,8 @@ impl Number {
     }
 }
 
-/// `0x001A`, `#x001A`, `001A`, `06090030`: hexadecimal; fewer than four digits without a prefix are decimal.
-/// Underscores and blanks between digits are welcome: `0x0609_0030`.
+/// Parses `0x001A`, `#x001A`, `001A`, `06090030` as hexadecimal; fewer than four digits without a
+/// prefix are decimal. Underscores and blanks between digits are allowed: `0x0609_0030`.
 pub(super) fn number(text: &str) -> Option<Number> {
     let text: String = text.chars().filter(|c| *c != '_' && *c != ' ').collect();
     let prefix = ["0x", "0X", "#x", "#X"].into_iter().find_map(|prefix| text.strip_prefix(prefix));

@@ -1,4 +1,4 @@
-//! What is typed finds its meaning, and the likeliest comes first.
+//! Every form of input finds its meaning, and the likeliest comes first.
 
 use super::*;
 
@@ -111,7 +111,7 @@ fn what_is_not_known_names_what_is_near() {
     assert!(hint("0x0038").contains("understood: 0x001A"));
 }
 
-/// Everything that is typed gets an answer or a reason, whatever it is.
+/// Every input gets an answer or a reason.
 #[test]
 fn nothing_that_is_typed_panics() {
     for short in (0..0x1000).chain((0x1000..=0xFFFFu32).step_by(13)) {
@@ -166,7 +166,7 @@ fn keys_in_each_of_their_places() {
     assert_eq!(found("cycle"), [(file, "cycle".into()), (file, "subdevice.cycle".into())]);
     assert_eq!(found("subdevice.cycle"), [(file, "subdevice.cycle".into())]);
     assert_eq!(found("sync_unit"), [(profile, "esc.sync_unit".into())]);
-    // A word that is a kind, too.
+    // This word is a kind, too.
     assert!(explain("object").is_err());
     let both = [(profile, "object".into()), (profile, "startup.object".into())];
     assert_eq!(found("key object"), both);
@@ -198,7 +198,7 @@ fn symptoms_are_explained_by_any_of_their_names() {
         assert_eq!(kinds(what), [("symptom", "lost sync".into())], "{what}");
     }
     assert_eq!(kinds("wkc"), [("symptom", "working counter".into())]);
-    // The key of segment files is there as well, behind it.
+    // The key of segment files follows it.
     let jitter = kinds("jitter");
     assert_eq!(jitter[0], ("symptom", "jitter".into()));
     assert!(jitter.len() > 1 && jitter[1..].iter().all(|(kind, _)| kind.starts_with("key of")));

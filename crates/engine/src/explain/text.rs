@@ -49,7 +49,7 @@ fn one(meaning: &Meaning) -> String {
     text
 }
 
-/// A title in its column, a mark, and the words behind both.
+/// A title in its column, a mark, and the words after both.
 fn paragraph(text: &mut String, title: &str, mark: &str, words: &str) {
     let indent = if title.is_empty() && mark.is_empty() { 2 } else { TITLE };
     let lines = wrap(words, WIDTH - indent - mark.len());
@@ -62,7 +62,7 @@ fn paragraph(text: &mut String, title: &str, mark: &str, words: &str) {
     }
 }
 
-/// Columns of the text, as of a report's.
+/// Width of the text in columns, as in a report.
 const WIDTH: usize = 100;
-/// Where the words begin behind a title.
+/// Column where the words begin after a title.
 const TITLE: usize = 10;

@@ -1,4 +1,4 @@
-//! A capture file as the recorder of the real-time loop writes it.
+//! A capture file, written by the recorder of the real-time loop.
 
 use std::io;
 use std::time::Duration;
@@ -6,7 +6,7 @@ use std::time::Duration;
 use isocat_host::recorder::Sink;
 use isocat_recorders::capture::Capture;
 
-/// Frames that go to two places.
+/// A sink that passes frames to two sinks.
 pub struct BothSinks(pub Box<dyn Sink>, pub Box<dyn Sink>);
 
 impl Sink for BothSinks {

@@ -1,4 +1,5 @@
-//! The main job on a wire: up, in operation for a while, what the SubDevices say at the end, down.
+//! The main job on a wire: the way up, a time in operation, the SubDevices' readings at the end,
+//! and the way down.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -21,42 +22,42 @@ use crate::report::quality::Quality;
 use crate::status::Scribe;
 use crate::verdict::{Answer, Engine, Questions, Readings, Unknown, Verdict};
 
-/// What is to be done on which interface.
+/// A job for one interface.
 pub struct Job {
-    /// What the MainDevice is asked for.
+    /// The configuration of the MainDevice.
     pub config: Config,
     /// The open interface.
     pub socket: RawSocket,
     /// Its network namespace.
     pub namespace: Option<String>,
-    /// How long to run once all SubDevices are in OP.
+    /// Time to run once all SubDevices are in OP.
     pub duration: Nanos,
     /// Largest 0x092C with which a clock counts as synchronized.
     pub difference_limit: Nanos,
-    /// What to ask of the machine.
+    /// The real-time settings to request from the machine.
     pub wish: Wish,
-    /// Where frames are written to.
+    /// The recorder of frames.
     pub recorder: Option<Recorder>,
-    /// Who is told how it stands, about ten times a second.
+    /// The receiver of the status, about ten times a second.
     pub scribe: Option<Scribe>,
 }
 
-/// The machine as it was found before the run.
+/// The machine as it was before the run.
 #[derive(Clone, Debug)]
 pub struct Machine {
-    /// What was granted for real time.
+    /// Real-time settings that were granted.
     pub granted: Vec<String>,
-    /// What was refused, with advice.
+    /// Real-time settings that were refused, with advice.
     pub refused: Vec<String>,
-    /// Settings that harm.
+    /// Settings that are harmful.
     pub findings: Vec<preflight::Finding>,
-    /// Lateness of wake-ups, measured.
+    /// Measured lateness of wake-ups.
     pub wake_ups: Histogram,
 }
 
 impl Machine {
-    /// Asks for real time for the calling thread, and looks what there is. As long as the first of both is
-    /// kept, processors stay awake.
+    /// Requests real-time settings for the calling thread, and checks the machine. While the first
+    /// returned value is kept, processors stay awake.
     pub fn prepare(
         subject: Subject<'_>,
         socket: Option<&RawSocket>,
@@ -74,59 +75,60 @@ impl Machine {
     }
 }
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Debug)]
 pub struct Outcome {
     /// The machine.
     pub machine: Machine,
-    /// What was found on the wire.
+    /// The segment that was found on the wire.
     pub segment: Segment,
-    /// Counts when the time in operation began, and when it was over.
+    /// Counts at the beginning and at the end of the time in operation.
     pub statistics: (Statistics, Statistics),
-    /// How punctual the machine was in operation.
+    /// Punctuality of the machine in operation.
     pub figures: Figures,
     /// The servo at the end of the time in operation.
     pub phase: Option<phase::State>,
-    /// How often it lost its lock in that time.
+    /// How often the servo lost its lock in that time.
     pub locks_lost: u64,
-    /// The longest time that the machine came too late for a cycle: how late, and since when of the time in
-    /// operation.
+    /// The longest time that the machine was late for a cycle: the lateness, and the time since the
+    /// beginning of operation.
     pub stall: Option<(Nanos, Nanos)>,
     /// How much faster the reference clock runs than the host's.
     pub rate_ppb: Option<i64>,
-    /// How well that, and the phase, are known.
+    /// Uncertainty of that rate and of the phase.
     pub uncertainty: Option<phase::Uncertainty>,
     /// The application's view of each SubDevice.
     pub axes: Vec<Axis>,
-    /// What each SubDevice said before and at the end, by position.
+    /// Readings of each SubDevice, before and at the end, by position.
     pub devices: Vec<Readings>,
     /// Time in operation; `None` if it never began.
     pub judged: Option<Nanos>,
-    /// What ended the run.
+    /// The reason for the end of the run.
     pub end: End,
-    /// What was read in the background; `None`: it was not asked for, or operation was not reached.
+    /// Result of the background reads; `None` if they were not requested, or operation was not
+    /// reached.
     pub quality: Option<Quality>,
     /// Why the segment is not in sync.
     pub findings: Vec<Finding>,
-    /// What is not known of it.
+    /// What could not be determined about the segment.
     pub unknown: Vec<Unknown>,
-    /// How SubDevices that may be absent came and went.
+    /// Departures and returns of SubDevices that may be absent.
     pub visits: Vec<Finding>,
-    /// What else a reader ought to know.
+    /// Further notes for the reader.
     pub notes: Vec<String>,
-    /// The recorder, to be finished.
+    /// The recorder; the caller finishes it.
     pub recorder: Option<Recorder>,
 }
 
 impl Outcome {
-    /// Whether every SubDevice ran as it was asked to, or that is not known.
+    /// Whether every SubDevice ran as asked, or that this is not known.
     pub fn answer(&self) -> Answer {
         Answer::of(&self.findings, &self.unknown)
     }
 
-    /// Adds what ended the run, and what a reader ought to know of it. `carrier` is whether the interface had a signal at
-    /// the end, `jitter` the lateness that the plan keeps, `total` the counts of all frames, and `traffic` what the interface
-    /// counted before and after.
+    /// Adds the reason for the end of the run, and notes on it. `carrier` is whether the interface
+    /// had a signal at the end, `jitter` the lateness that the plan allows, `total` the counts of
+    /// all frames, and `traffic` the counts of the interface before and after.
     pub fn conclude(
         &mut self,
         interface: &str,
@@ -148,35 +150,36 @@ impl Outcome {
     }
 }
 
-/// What ended a run.
+/// The reason for the end of a run.
 #[derive(Debug)]
 pub enum End {
     /// The time was over.
     Time,
-    /// Somebody asked for it.
+    /// The user asked to stop.
     Asked,
     /// The way up failed.
     Failed(isocat_maindevice::Error),
-    /// The way up of a list that another tool wrote ended at one of its commands.
+    /// The way up of another tool's list of commands ended at one of its commands.
     List {
         /// The command, and what happened.
         what: String,
         /// The SubDevice whose command it is; `None` for those of the MainDevice.
         position: Option<usize>,
-        /// The list asks for something that is not supported, or names other SubDevices than answer.
+        /// Whether the list asks for something that is not supported, or names other SubDevices
+        /// than those that answer.
         refused: bool,
     },
-    /// The way up did not end.
+    /// The way up took too long.
     TooLong,
-    /// Nothing came back any more.
+    /// No frame came back any more.
     Silence,
     /// The interface failed.
     Link(LinkError),
 }
 
 impl Job {
-    /// Does it all, on a thread of its own that has the machine's attention. It ends early once `stop` is
-    /// set. An error is one of the interface or of its namespace, before anything was sent.
+    /// Runs the whole job, on a separate thread with real-time settings. It ends early once `stop`
+    /// is set. An error is one of the interface or of its namespace, before anything was sent.
     pub fn run(
         self,
         stop: &AtomicBool,
@@ -235,7 +238,7 @@ impl Job {
                 let main = run.exchange.main();
                 run.engine = Some(Engine::begin(main, self.difference_limit, optional));
                 statistics.0 = main.statistics();
-                // The counters may stand anywhere: what they grow by in operation is judged.
+                // The counters may have any value: their growth in operation is judged.
                 devices = vec![Readings::default(); main.segment().devices.len()];
                 let read = run.read(&mut devices, true);
                 let end = read.err().unwrap_or_else(|| run.operate(self.duration));
@@ -298,20 +301,20 @@ struct Running<'a> {
     stop: &'a AtomicBool,
     progress: &'a mut dyn FnMut(Progress),
     scribe: Option<Scribe>,
-    /// What the scribe's times count from.
+    /// Origin of the scribe's times.
     origin: Time<Host>,
-    /// Alarms of what was read in the background, and since when.
+    /// Alarms of the background reads, and the time of each.
     alarms: Vec<(Nanos, Change)>,
-    /// What the SubDevices are being asked.
+    /// The present questions to the SubDevices.
     questions: Option<Questions>,
-    /// When all SubDevices were in OP, and what judges since.
+    /// The instant when all SubDevices were in OP; judging starts there.
     began: Option<Time<Host>>,
     engine: Option<Engine>,
-    /// How long it was judged, once that is over.
+    /// Duration of the judged time, once it is over.
     judged: Option<Nanos>,
 }
 
-/// What the time in operation came to.
+/// The results of the time in operation.
 #[derive(Default)]
 struct Verdicts {
     verdict: Verdict,
@@ -343,7 +346,7 @@ impl Running<'_> {
         }
     }
 
-    /// Lets the segment run.
+    /// Runs the segment.
     fn operate(&mut self, duration: Nanos) -> End {
         let began = clock::now();
         let until = began + duration;
@@ -375,7 +378,7 @@ impl Running<'_> {
         end
     }
 
-    /// The time in operation is over; `readings` is what the SubDevices said, if they were asked.
+    /// Ends the time in operation; `readings` are those of the SubDevices, if they were asked.
     fn end_judging(&mut self, readings: &[Readings]) -> Verdicts {
         let now = clock::now();
         self.take_events(now);
@@ -388,7 +391,7 @@ impl Running<'_> {
         Verdicts { verdict, locks_lost, stall }
     }
 
-    /// Goes back to INIT; says what stands in the way.
+    /// Goes back to INIT; the error says why that failed.
     fn go_down(&mut self) -> Result<(), String> {
         let limit = clock::now() + STOP_LIMIT;
         self.exchange.main_mut().stop();
@@ -410,8 +413,8 @@ impl Running<'_> {
         }
     }
 
-    /// Reads the counters of all SubDevices over the wire, while process data go on; at the end their states
-    /// and clocks too.
+    /// Reads the counters of all SubDevices over the wire, while process data go on; at the end
+    /// also their states and clocks.
     fn read(&mut self, devices: &mut [Readings], before: bool) -> Result<(), End> {
         let limit = clock::now() + READ_LIMIT;
         self.questions = Some(Questions::ask(self.exchange.main_mut(), before));
@@ -434,25 +437,26 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Tells the scribe of an event, if there is one.
+    /// Passes an event to the scribe, if there is one.
     fn tell(&mut self, event: &Event) {
         if let Some(scribe) = &mut self.scribe {
             scribe.event((clock::now() - self.origin).0, event);
         }
     }
 
-    /// Lets the scribe see what was read, and fill its board if that is due. It neither waits nor takes memory.
+    /// Passes what was read to the scribe, and lets it fill its board if that is due. It neither
+    /// waits nor allocates.
     fn publish(&mut self) {
         let Some(scribe) = &mut self.scribe else { return };
         let (at, main) = ((clock::now() - self.origin).0, self.exchange.main());
         scribe.cycle(main);
         if scribe.is_due(at) {
-            // If somebody is just looking at the board, the next cycle does it.
+            // If a reader holds the board at the moment, the next cycle publishes.
             scribe.publish(at, main, |_, _| {});
         }
     }
 
-    /// Takes what was told, and lets the judging engine see it and what came in.
+    /// Takes the events, and passes them and the received data to the verdict engine.
     fn take_events(&mut self, now: Time<Host>) {
         let at = self.began.map(|began| now - began);
         while let Some(event) = self.exchange.poll_event() {
@@ -475,16 +479,15 @@ impl Running<'_> {
     }
 }
 
-/// Time after which a way up that has not ended is given up; every step of it has a deadline of its own,
-/// far below.
+/// Time limit of the way up; every step of it has a much shorter deadline.
 const BRING_UP_LIMIT: Nanos = Nanos::millis(300_000);
-/// For reading the counters.
+/// Time limit for reading the counters.
 const READ_LIMIT: Nanos = Nanos::millis(10_000);
-/// For the way down: three steps of 5 s, and room.
+/// Time limit of the way down: three steps of 5 s, and a reserve.
 const STOP_LIMIT: Nanos = Nanos::millis(20_000);
 /// The longest time without an answer.
 pub(super) const SILENCE: Nanos = Nanos::millis(1_000);
-/// Steps of the progress that is told.
+/// Interval of the progress reports.
 const PROGRESS: Nanos = Nanos::millis(100);
-/// Alarms that are kept, however long it runs.
+/// Largest number of alarms that are kept, however long the run is.
 const MOST_ALARMS: usize = 1_000;

@@ -1,5 +1,5 @@
-//! What ended a run on an interface, beside what the engine of [`verdict`](crate::verdict) says of the time in operation; and
-//! what else a reader ought to know.
+//! The reason for the end of a run on an interface, in addition to the results of the
+//! [`verdict`](crate::verdict) engine for the time in operation; and further notes for the reader.
 
 use isocat_host::Traffic;
 use isocat_maindevice::Cause;
@@ -10,7 +10,8 @@ use isocat_wire::time::Nanos;
 use super::job::{End, Outcome, SILENCE};
 use crate::report::words::seconds;
 
-/// Adds to what speaks against the segment in operation what ended the run, and sorts all in the order of time.
+/// Adds the reason for the end of the run to the findings of the time in operation, and sorts all
+/// by time.
 pub(super) fn judge(outcome: &mut Outcome, interface: &str, carrier: Option<bool>) {
     let segment = |since, kind: Judged| Finding { place: Place::SEGMENT, since, kind: kind.into() };
     let nothing_came = outcome.statistics.1.frames_received == 0;
@@ -49,7 +50,7 @@ pub(super) fn judge(outcome: &mut Outcome, interface: &str, carrier: Option<bool
         }
         End::Time | End::Asked => None,
     };
-    // What ended it stands before the rest that has no time of its own.
+    // The reason for the end comes before the other findings without a time.
     outcome.findings.splice(0..0, ended);
     outcome.findings.sort_by_key(|finding| finding.since.unwrap_or(Nanos(i64::MAX)));
 }
@@ -62,7 +63,7 @@ fn is_lost(cause: &Cause) -> bool {
     }
 }
 
-/// Says what is no reason for a verdict but may be one for what happened.
+/// Notes what is no reason for a verdict but may explain what happened.
 pub(super) fn note(
     outcome: &mut Outcome,
     interface: &str,
@@ -115,7 +116,7 @@ pub(super) fn note(
             total.frames_late + total.frames_unexpected + total.frames_echoed + figures.too_late;
         let ours = total.frames_received + total.frames_foreign + late;
         let came = (after.received - before.received).saturating_sub(ours);
-        // What another program sends on the same interface may be EtherCAT too.
+        // Frames of another program on the same interface may be EtherCAT too.
         let sent = total.frames_sent + figures.other_talkers;
         let left = (after.sent - before.sent).saturating_sub(sent);
         if came + left > 0 {

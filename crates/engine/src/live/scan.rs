@@ -8,7 +8,7 @@ use isocat_wire::time::Nanos;
 
 use crate::scan::{Failure, NO_END, Scan, WAY_DOWN};
 
-/// Scans what is behind an interface, and takes it back to INIT. It ends early once `stop` is set.
+/// Scans the segment behind an interface, and returns it to INIT. It ends early once `stop` is set.
 pub fn scan(
     config: Config,
     socket: RawSocket,
@@ -16,7 +16,7 @@ pub fn scan(
     progress: &mut dyn FnMut(Stage),
 ) -> Scan {
     let objects = config.survey.is_none_or(|wish| wish.objects);
-    // Nothing is due at an instant: there is no cycle.
+    // There is no cycle, so nothing is due at an instant.
     let mut exchange =
         Exchange::new(config, socket, Waiting::Sleep { lead: Nanos::ZERO }, None, ());
     let limit = clock::now() + LIMIT;
@@ -52,7 +52,7 @@ pub fn scan(
     scan
 }
 
-/// Back to INIT; says what stands in the way.
+/// Goes back to INIT; the error says why that failed.
 fn go_down(exchange: &mut Exchange<()>) -> Result<(), String> {
     let limit = clock::now() + WAY_DOWN;
     exchange.main_mut().stop();
@@ -72,5 +72,5 @@ fn go_down(exchange: &mut Exchange<()>) -> Result<(), String> {
     }
 }
 
-/// Time after which a scan is given up; every step of it has a deadline of its own, far below.
+/// Time limit of a scan; every step of it has a much shorter deadline.
 const LIMIT: Nanos = Nanos::millis(600_000);

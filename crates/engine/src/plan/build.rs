@@ -1,4 +1,4 @@
-//! From the plan to its document.
+//! Builds the document of a plan.
 
 use isocat_maindevice::segment::{DatagramPlan, FramePlan};
 use isocat_segment::Scenario;
@@ -78,7 +78,7 @@ impl Plan {
         format!("{how}: least slack {slack}, {place}: {words}.")
     }
 
-    /// Figures of lines that nobody states, each once a device.
+    /// Figures of lines that no source states, each once per device.
     fn assumptions(&self, scenario: &Scenario) -> Vec<String> {
         let mut all: Vec<String> = Vec::new();
         let (mut of, mut first) = (0, 0);
@@ -170,7 +170,7 @@ impl Plan {
     }
 }
 
-/// `0x1001:0910`, `0x0130` of all, `0x00000000` of the process image.
+/// An address as text: `0x1001:0910`, `0x0130` for all, `0x00000000` for the process image.
 fn address(address: Address) -> String {
     match address {
         Address::Position(position, register) => format!("{}:{register:04X}", position.0),
@@ -207,7 +207,7 @@ fn terms(sum: &Sum, profile: Option<&Profile>) -> Vec<Term> {
         .collect()
 }
 
-/// Where a figure comes from, before anything was measured.
+/// Origin of a figure before any measurement.
 fn origin(term: &budget::Term, profile: Option<&Profile>) -> String {
     let Some(profile) = profile else { return term.origin.to_string() };
     match term.origin {
@@ -225,7 +225,7 @@ fn origin(term: &budget::Term, profile: Option<&Profile>) -> String {
     }
 }
 
-/// Why a figure is no more than assumed; `None` if somebody states it, or it is a rule of the plan.
+/// Why a figure is assumed; `None` if a source states it, or it is a rule of the plan.
 fn assumed(term: &budget::Term, profile: &Profile) -> Option<String> {
     let ours = [
         Quantity::PulseJitter,
@@ -253,7 +253,7 @@ fn assumed(term: &budget::Term, profile: &Profile) -> Option<String> {
     }
 }
 
-/// Whether an assumption is about the value of this entry: `0x1C32:06`, `0x1C32:0A-0D` or `0x1C32`.
+/// Whether an assumption covers this entry: `0x1C32:06`, `0x1C32:0A-0D` or `0x1C32`.
 fn names(assumption: &Assumption, object: isocat_wire::ObjectAddress) -> bool {
     let (index, subs) = match assumption.item.split_once(':') {
         Some((index, subs)) => (index, Some(subs)),

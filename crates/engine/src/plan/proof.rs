@@ -1,8 +1,8 @@
-//! The proof: what happens in true time, next to what was planned.
+//! The proof: what happens in true time, compared with the plan.
 //!
-//! The segment runs with the phase of the plan and a host that is either in time or as late as the plan allows. An onlooker
-//! takes the true time of each event, and of each distance that a line speaks of; what it compares is
-//! instants, it knows no formula of the plan.
+//! The segment runs with the phase of the plan and a host that is either in time or as late as the
+//! plan allows. An observer takes the true time of each event, and of each distance that a line
+//! concerns. It compares instants and uses no formula of the plan.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -20,13 +20,14 @@ use super::Plan;
 use super::report::{Measured, PlanReport, ProofSummary, Seen};
 use crate::{Report, moment};
 
-/// A bound is tight if what was needed, clock error aside, is at least the bound divided by this.
+/// A bound is tight if the largest time that was needed, plus twice the clock error, is at least
+/// the bound divided by this.
 pub const FACTOR: f64 = 1.25;
 
-/// What the onlooker saw, and what the run reported.
+/// The observations, and the report of the run.
 #[derive(Clone, Debug)]
 pub struct Proof {
-    /// Worst cases by SubDevice; the last one is that of the frames.
+    /// Worst cases by SubDevice; the last element holds those of the frames.
     watches: Vec<Watch>,
     /// The report of the run.
     pub run: Report,
@@ -42,7 +43,7 @@ pub fn prove(plan: &Plan, scenario: &Scenario) -> Proof {
     Proof { watches, run }
 }
 
-/// The scenario with the phase of the plan, and with the worst host that was planned with.
+/// The scenario with the phase of the plan, and with the worst host of the plan.
 pub(super) fn as_planned(plan: &Plan, scenario: &Scenario) -> Scenario {
     let mut scenario = scenario.clone();
     scenario.host = HostModel { extremes: true, ..scenario.host };
@@ -52,14 +53,15 @@ pub(super) fn as_planned(plan: &Plan, scenario: &Scenario) -> Scenario {
 }
 
 impl Proof {
-    /// The worst case of a line: least slack in ns, and how often it was seen. `None` as the position: the frames.
+    /// The worst case of a line: least slack in ns, and the number of observations. Position `None`
+    /// means the frames.
     pub fn slack(&self, position: Option<usize>, check: Check) -> Option<(f64, u64)> {
         let at = position.unwrap_or(self.watches.len() - 1);
         let worst = self.watches.get(at)?.slack[check as usize];
         (worst.count > 0).then(|| (worst.least as f64 / 1e3, worst.count))
     }
 
-    /// Puts what was seen next to what was planned.
+    /// Puts the observed values next to the planned ones.
     pub fn fill(&self, report: &mut PlanReport) {
         let clock = report.segment.clock_error_ns as f64;
         let (mut findings, mut loose) = (Vec::new(), 0);
@@ -120,7 +122,7 @@ impl Proof {
     }
 }
 
-/// The plan counts whole nanoseconds, and true time picoseconds: what is less than a nanosecond
+/// The plan counts whole nanoseconds, and true time picoseconds: a value less than a nanosecond
 /// beyond a bound is within it.
 fn is_excess(beyond_ns: f64) -> bool {
     beyond_ns >= 1.0
@@ -144,7 +146,7 @@ impl Tap for Shared {
     }
 }
 
-/// Sees everything, and keeps the worst.
+/// Observes all events, and keeps the worst cases.
 struct Onlooker {
     reference: Option<usize>,
     cycle: Picos,
@@ -200,7 +202,7 @@ impl Onlooker {
         }
     }
 
-    /// The watches, and one more with what was seen of the frames.
+    /// The watches, and a last one with the worst cases of the frames.
     fn finish(&mut self) -> Vec<Watch> {
         let mut watches = std::mem::take(&mut self.watches);
         let mut frames = Watch::default();
@@ -209,7 +211,8 @@ impl Onlooker {
         watches
     }
 
-    /// What comes behind the judged time is no more part of the run: counters are read then.
+    /// Whether an event belongs to the judged time. Later events are excluded, since counters are
+    /// read then.
     fn is_on(&self, at: Time<True>) -> bool {
         let settled = Picos(SETTLING * self.cycle.0);
         let within = |from| at >= from && at < from + self.duration + -settled;
@@ -255,19 +258,20 @@ impl Onlooker {
         if let Observed::State(AlState::Op, _) = event {
             self.waiting = self.waiting.saturating_sub(1);
             if self.waiting == 0 && self.from.is_none() {
-                // A few cycles later everybody has begun with all that he does.
+                // A few cycles later every device has started all its activities.
                 self.from = Some(at + Picos(SETTLING * self.cycle.0));
             }
         }
         let on = self.is_on(at);
         let watch = &mut self.watches[device];
         let reference = self.reference.map(|position| &segment.devices()[position]);
-        // The plan's cycle is one of the reference clock, so spans are taken as that clock would, to the picosecond.
+        // The plan's cycle is one of the reference clock, so spans are measured in that clock's
+        // time, to the picosecond.
         let system = |clock: &isocat_sim::device::Device| clock.system_time_ps(at).max(0) as u64;
         watch.happens(reference.map_or(at, |clock| Time::new(system(clock))), event, on);
         let Some(reference) = reference.filter(|_| on) else { return };
         let Some(moment) = moment::of(event) else { return };
-        // A frame's begin is what its end tells, and its length.
+        // The begin of a frame is its end less its length.
         let length = if moment == Moment::Sm3 { watch.frame.0 as u64 } else { 0 };
         watch.note(moment, reference.system_time_ps(Time::new(at.count() - length)));
     }
@@ -286,16 +290,16 @@ fn expected(moments: &Moments, moment: Moment) -> Option<Picos> {
 /// The process data frames of the cycles.
 #[derive(Default)]
 struct Frames {
-    /// Address and bytes of each datagram of the frame that begins a cycle.
+    /// Address and bytes of each datagram of the first frame of a cycle.
     first: Vec<(u32, usize)>,
     cycle: Picos,
-    /// How far cycles may be apart since clocks differ.
+    /// Cycles may differ by this much because clocks differ.
     tolerance: Picos,
-    /// When the first frame of the last cycle left.
+    /// Departure of the first frame of the last cycle.
     began: Option<Time<True>>,
-    /// When the port had sent the last frame of a cycle, and its gap.
+    /// Time when the port had sent the last frame of a cycle, and its gap.
     free: Option<Time<True>>,
-    /// The same for all frames since.
+    /// The same for all frames since that one.
     busy: Option<Time<True>>,
     slack: Least,
 }
@@ -306,7 +310,8 @@ impl Frames {
             if let Some(free) = self.free.filter(|_| on) {
                 self.slack.take(at - free);
             }
-            // Acyclic frames go whenever there is room, but not into the next cycle, on the way up neither.
+            // Acyclic frames are sent whenever they fit, but not into the next cycle; that also
+            // holds for the way up.
             let due = self.began.map(|began| began + self.cycle);
             if let (Some(due), Some(busy)) = (due, self.busy)
                 && busy == at
@@ -345,31 +350,31 @@ impl Least {
     }
 }
 
-/// What is seen of one SubDevice.
+/// The observations of one SubDevice.
 #[derive(Clone, Debug, Default)]
 struct Watch {
     mode: SyncMode,
-    /// Outputs act at SYNC1 although SYNC0 starts nothing but the calculation.
+    /// Outputs act at SYNC1 although SYNC0 starts only the calculation.
     on_sync1: bool,
-    /// How long its outputs stay valid.
+    /// How long its outputs stay valid without new ones.
     watchdog: Option<Picos>,
     /// It counts reads of its inputs, since it has no outputs.
     inputs_only: bool,
-    /// A timer takes the inputs.
+    /// A timer latches the inputs.
     by_timer: bool,
     /// Logical address of the datagram with its inputs.
     chunk: Option<u32>,
-    /// How long the frame takes that fetches them.
+    /// Duration of the frame that fetches them.
     frame: Picos,
-    /// From one exchange of its process data to the next.
+    /// Time from one exchange of its process data to the next.
     cycle: Picos,
-    /// From SYNC0 to SYNC0.
+    /// Time from SYNC0 to SYNC0.
     pulse_cycle: Picos,
-    /// Of the SYNC0 error, and of the spread of outputs behind their pulse.
+    /// Limits of the SYNC0 error, and of the spread of outputs after their pulse.
     limits: [Picos; 2],
-    /// Least and most from the pulse to Outputs Valid.
+    /// Shortest and longest time from the pulse to Outputs Valid.
     acted_after: Option<(i64, i64)>,
-    /// Where the middle of each event ought to be.
+    /// Expected middle of each event.
     expected: [Option<Picos>; Moment::ALL.len()],
     slack: [Least; CHECKS],
     phases: [Option<(i64, i64, u64)>; Moment::ALL.len()],
@@ -378,26 +383,26 @@ struct Watch {
     /// The last SM2.
     stored: Option<Time<True>>,
     ready: Option<Time<True>>,
-    /// A pulse that found outputs in work.
+    /// A pulse that came while outputs were in work.
     overtaken: Option<Time<True>>,
-    /// Its inputs were read, and no pulse has counted that yet.
+    /// Time when its inputs were read, if no pulse has counted that yet.
     read: Option<Time<True>>,
-    /// A pulse that had no read to count.
+    /// A pulse without a read to count.
     unread: Option<Time<True>>,
     sync0: Option<Time<True>>,
     sync1: Option<Time<True>>,
-    /// When the last SYNC0 was acknowledged.
+    /// Time when the last SYNC0 was acknowledged.
     acknowledged: Option<Time<True>>,
     /// A SYNC0 that was due before that.
     lost: Option<Time<True>>,
     began: [Option<Time<True>>; 5],
     mapped: Option<Time<True>>,
-    /// Inputs were taken, or are due, that do not stand in the buffer yet.
+    /// Inputs were latched, or are due, and are not in the buffer yet.
     wanted: Option<Time<True>>,
-    /// A frame that began before its inputs were there.
+    /// A frame that began before its inputs were in the buffer.
     unfed: Option<Time<True>>,
     last_end: Option<Time<True>>,
-    /// Time in work since the last pulse; of several mappings of outputs the last one.
+    /// Time in work since the last pulse; with several mappings of outputs, that of the last one.
     busy: Picos,
     mapping: Picos,
 }
@@ -480,7 +485,7 @@ impl Watch {
             Observed::Sm3 if dc || self.by_timer => {
                 if self.inputs_only && dc {
                     match self.unread.take() {
-                        // Later than half a cycle behind a pulse it is early for the next one.
+                        // Later than half a cycle after a pulse, it is early for the next one.
                         Some(pulse) if (at - pulse).0 < self.cycle.0 / 2 => {
                             self.take(Check::InputsReadBeforeSync0, pulse - at, on);
                         }
@@ -489,7 +494,7 @@ impl Watch {
                 }
                 let begin = Time::new(at.count() - self.frame.0 as u64);
                 match self.mapped {
-                    // Those that are due only since the frame began are for the next one.
+                    // Inputs that are due only since the frame began are for the next one.
                     _ if self.wanted.is_some_and(|since| since <= begin) => {
                         self.unfed = Some(begin);
                         self.wanted = None;
@@ -497,7 +502,7 @@ impl Watch {
                     Some(mapped) => self.take(Check::InputsBeforeFrame, begin - mapped, on),
                     None => {}
                 }
-                // The timer was started by the frame itself, whose inputs are for the next one.
+                // The frame itself started the timer, whose inputs are for the next one.
                 if !dc {
                     self.wanted = Some(at);
                 }
@@ -538,7 +543,7 @@ impl Watch {
         }
     }
 
-    /// Outputs act so long after their pulse, ps.
+    /// Outputs act this long after their pulse, ps.
     fn acts_after(&mut self, after: i64, on: bool) {
         if !on {
             return;
@@ -550,9 +555,9 @@ impl Watch {
         self.take(Check::OutputsSpreadWithinLimit, Picos(limit.0 - (most - least)), on);
     }
 
-    /// A pulse that wants outputs to be ready.
+    /// A pulse that requires outputs to be ready.
     fn outputs_wanted(&mut self, at: Time<True>, check: Check, on: bool) {
-        // Those of "DC SYNC1" wait for the SYNC0 that fetches them.
+        // In "DC SYNC1" the outputs wait for the SYNC0 that fetches them.
         let stored = if self.mode == SyncMode::DcSync1 { None } else { self.sm2.take() };
         match self.ready.take() {
             Some(ready) => self.take(check, at - ready, on),
@@ -574,22 +579,22 @@ impl Watch {
             self.unread = Some(at);
             return;
         };
-        // The plan names the begin of the next cycle's frame; what counts is the end of this one.
+        // The plan names the begin of the next cycle's frame; the end of this cycle's frame counts.
         let fetched =
             self.expected[Moment::Sm3 as usize].map(|begin| begin + self.frame - self.cycle);
         let left = self.of_its_cycle(at - read, fetched, self.expected[pulse as usize]);
         self.take(Check::InputsReadBeforeSync0, left, on);
     }
 
-    /// From SM2 to SYNC0: to the SYNC0 of its cycle, which is the one nearest to where it ought to be, and not to
-    /// the next one, which comes if the frame is late.
+    /// A span from SM2 to the SYNC0 of the same cycle, which is the one nearest to its planned
+    /// phase. If the frame is late, the next SYNC0 comes first.
     fn as_planned(&self, span: Picos) -> Picos {
         let expected = |moment: Moment| self.expected[moment as usize];
         self.of_its_cycle(span, expected(Moment::Sm2), expected(Moment::Sync0))
     }
 
-    /// A span from an event of the frame to a pulse, less the whole cycles by which it is not the one that the plan
-    /// speaks of.
+    /// A span from an event of the frame to a pulse, less the whole cycles between this pulse and
+    /// the one of the plan.
     fn of_its_cycle(&self, span: Picos, from: Option<Picos>, to: Option<Picos>) -> Picos {
         let (Some(from), Some(to)) = (from, to) else { return span };
         let (planned, cycle) = ((to - from).0, self.cycle.0.max(1));
@@ -611,7 +616,7 @@ impl Watch {
         }
     }
 
-    /// An event came when the reference clock stood at `system_ps`.
+    /// Notes an event at the reference clock's time `system_ps`.
     fn note(&mut self, moment: Moment, system_ps: i128) {
         let number = moment as usize;
         let Some(expected) = self.expected[number] else { return };
@@ -638,7 +643,7 @@ impl Watch {
 
 const CHECKS: usize = Check::OF_DEVICE.len() + 1;
 const NANOSECOND: Picos = Picos(1_000);
-/// Cycles from the last SubDevice's OP until the onlooker begins.
+/// Cycles from the last SubDevice's OP until the observer starts.
 const SETTLING: i64 = 8;
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
-//! The plan as a document. All times are nanoseconds; phases count from the frame at the reference clock.
+//! The plan as a document. All times are nanoseconds; phases count from the frame at the reference
+//! clock.
 
 use isocat_sync::SyncMode;
 use isocat_sync::budget::Check;
@@ -9,7 +10,7 @@ use super::what_if::WhatIf;
 pub use crate::report::Note;
 use crate::report::{Ring, typed};
 
-/// Version of the document; changes whenever a reader could be misled by an older schema.
+/// Version of the document; it changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-plan/3";
 
 /// JSON schema of the document, draft 2020-12.
@@ -25,15 +26,15 @@ pub struct PlanReport {
     pub format: &'static str,
     /// Version of the program.
     pub version: &'static str,
-    /// Where the segment was described.
+    /// File with the description of the segment.
     pub segment_file: String,
     /// Whether every line has slack of 0 or more.
     pub fits: bool,
     /// One sentence for people.
     pub verdict: String,
-    /// Figures that count in a line and that nobody states.
+    /// Figures of the lines that no source states.
     pub assumptions: Vec<String>,
-    /// What the field falls into with such a segment.
+    /// Known pitfalls of such a segment in practice.
     pub warnings: Vec<Note>,
     /// Figures of the segment.
     pub segment: Segment,
@@ -43,11 +44,11 @@ pub struct PlanReport {
     pub frames_line: Line,
     /// The SubDevices, by position.
     pub devices: Vec<Device>,
-    /// What fits better; null unless it was asked for.
+    /// Suggested changes; null unless asked for.
     pub suggestion: Option<Suggestion>,
-    /// What a run showed; null unless it was asked for.
+    /// Results of a run; null unless asked for.
     pub proof: Option<ProofSummary>,
-    /// What becomes of the segment when a cable or a SubDevice goes; null unless it was asked for.
+    /// Effects of the loss of each cable and SubDevice; null unless asked for.
     pub what_if: Option<WhatIf>,
 }
 
@@ -57,23 +58,25 @@ pub struct PlanReport {
 pub struct Segment {
     /// Bus cycle.
     pub cycle_ns: i64,
-    /// What makes a ring of it: the plan counts with frames that go the long way behind a cut. Null if it hangs on one port.
+    /// The cable that closes a ring: the plan includes frames that take the long way after a cut.
+    /// Null if the segment hangs on one port.
     pub ring: Option<Ring>,
     /// Position of the SubDevice whose clock leads; null without clocks.
     pub reference: Option<usize>,
     /// Phase of the frame in the system-time cycle.
     pub send_phase_ns: i64,
-    /// How late a frame may be.
+    /// Largest lateness of a frame.
     pub send_jitter_ns: i64,
-    /// How much two clocks may differ.
+    /// Largest difference of two clocks.
     pub clock_error_ns: i64,
     /// Phase of the pulse at which outputs act, the same for all SubDevices with DC; null without.
     pub acting_phase_ns: Option<i64>,
-    /// Earliest phase of it: all outputs are ready. Null if nobody has outputs.
+    /// Its earliest phase, at which all outputs are ready. Null if no SubDevice has outputs.
     pub output_reference_ns: Option<i64>,
-    /// Latest phase of it: all inputs are in time for the next frame. Null if nobody has inputs.
+    /// Its latest phase, at which all inputs are in time for the next frame. Null if no SubDevice
+    /// has inputs.
     pub input_reference_ns: Option<i64>,
-    /// Least slack of all lines of the cycle; of all lines where one does not fit.
+    /// Least slack of all lines of the cycle, or of all lines if one does not fit.
     pub least_slack_ns: i64,
 }
 
@@ -81,9 +84,10 @@ pub struct Segment {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Frame {
-    /// It travels in the bus cycles whose number, system time divided by the bus cycle, is a multiple of this.
+    /// It is sent in the bus cycles whose number (system time divided by the bus cycle) is a
+    /// multiple of this.
     pub every: u32,
-    /// By how much it is earlier where the frames of other groups do not go before it.
+    /// How much earlier it is in cycles without the frames of other groups before it.
     pub spread_ns: i64,
     /// First bit of the preamble.
     pub begin_ns: i64,
@@ -91,7 +95,7 @@ pub struct Frame {
     pub end_ns: i64,
     /// Bytes from the destination address to the padding.
     pub bytes: usize,
-    /// What is in it.
+    /// Its datagrams.
     pub datagrams: Vec<Datagram>,
 }
 
@@ -107,10 +111,10 @@ pub struct Datagram {
     pub bytes: usize,
     /// First byte of its data on the wire.
     pub begin_ns: i64,
-    /// Behind the last byte of its data on the wire.
+    /// End of the last byte of its data on the wire.
     pub end_ns: i64,
-    /// First and last position of the SubDevices whose process data it carries, of those between them only the ones that
-    /// are exchanged as often; null for others.
+    /// First and last position of the SubDevices whose process data it carries (of those between,
+    /// only the ones that are exchanged equally often); null for other datagrams.
     pub devices: Option<[usize; 2]>,
 }
 
@@ -124,17 +128,17 @@ pub struct Device {
     pub name: String,
     /// Profile.
     pub profile: String,
-    /// How its maker's description (ESI) was read and what is doubtful in it; empty for a profile.
+    /// How its ESI file was read, and what is doubtful in it; empty for a profile.
     pub description: Vec<Doubt>,
     /// Synchronization mode.
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub mode: SyncMode,
-    /// Why not a higher mode; empty if this is the one asked for or the highest.
+    /// Why no higher mode is used; empty if this is the requested or the highest one.
     pub mode_reason: String,
     /// Propagation delay from the reference clock.
     pub delay_ns: i64,
-    /// Its process data travel in every so many bus cycles.
+    /// Its process data are exchanged in every n-th bus cycle.
     pub every: u32,
     /// Register 0x09A0; null without SYNC.
     pub sync0_cycle_ns: Option<i64>,
@@ -142,12 +146,12 @@ pub struct Device {
     pub sync0_phase_ns: Option<i64>,
     /// Register 0x09A4; null without SYNC1.
     pub sync1_ns: Option<i64>,
-    /// From a SYNC pulse until its program acknowledges it, in acknowledge mode (0x0982 is 0); null where pulses end by
-    /// themselves, and without DC.
+    /// Time from a SYNC pulse until its program acknowledges it, in acknowledge mode (0x0982 is 0);
+    /// null if pulses end by themselves, and without DC.
     pub acknowledge_ns: Option<i64>,
-    /// Earliest phase of the acting pulse for its outputs' sake; null without DC or outputs.
+    /// Earliest phase of the acting pulse with regard to its outputs; null without DC or outputs.
     pub earliest_phase_ns: Option<i64>,
-    /// Latest phase of the acting pulse for its inputs' sake; null without DC or inputs.
+    /// Latest phase of the acting pulse with regard to its inputs; null without DC or inputs.
     pub latest_phase_ns: Option<i64>,
     /// The events of its cycle.
     pub moments: Vec<Moment>,
@@ -163,13 +167,13 @@ impl Device {
     }
 }
 
-/// What could be read in more than one way, and how it was.
+/// Something that could be read in more than one way, and how it was read.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Doubt {
     /// Its fixed name, for programs: `revision`, `opmode`, `sync-off` …
     pub kind: String,
-    /// What, with the figures.
+    /// Description, with the figures.
     pub what: String,
 }
 
@@ -179,27 +183,28 @@ impl From<&isocat_segment::profile::Doubt> for Doubt {
     }
 }
 
-/// An event of the cycle in which the frame is sent, by the reference clock: from the begin of that bus cycle on.
+/// An event of the cycle in which the frame is sent, in the reference clock's time from the begin
+/// of that bus cycle.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Moment {
-    /// What happens.
+    /// The event.
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub event: isocat_sync::Moment,
-    /// Not before.
+    /// Earliest time.
     pub earliest_ns: i64,
-    /// Not after.
+    /// Latest time.
     pub latest_ns: i64,
-    /// When it really happened; null unless it was proven.
+    /// Measured times; null without a proof.
     pub measured: Option<Seen>,
 }
 
-/// When something happened in a run, in true time.
+/// Times of an event in a run, in true time.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Seen {
-    /// How often it was seen.
+    /// Number of occurrences.
     pub count: u64,
     /// The earliest time.
     pub earliest_ns: f64,
@@ -215,36 +220,36 @@ pub struct Line {
     #[serde(serialize_with = "typed::check")]
     #[schemars(with = "String")]
     pub check: Check,
-    /// The object that states it; null where none does.
+    /// The object that states it; null if none does.
     pub object: Option<String>,
     /// The formula in words.
     pub demand: &'static str,
     /// Time needed.
     pub needed_ns: i64,
-    /// Time there is.
+    /// Time available.
     pub available_ns: i64,
-    /// What is left; negative if it does not fit.
+    /// Time left; negative if it does not fit.
     pub slack_ns: i64,
     /// The figures of the time needed.
     pub needed: Vec<Term>,
-    /// The figures of the time there is.
+    /// The figures of the time available.
     pub available: Vec<Term>,
-    /// What shows if it does not fit.
+    /// The sign of a violation.
     pub sign: String,
-    /// The worst case of a run in true time; null unless it was proven, and where nothing can be seen of it.
+    /// The worst case of a run in true time; null without a proof, and if nothing can be observed.
     pub measured: Option<Measured>,
 }
 
-/// One figure of a line, with the sign with which it counts.
+/// One figure of a line, with its sign.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Term {
-    /// What it is.
+    /// Name of the figure.
     pub what: &'static str,
-    /// How much.
+    /// Value.
     pub value_ns: i64,
-    /// Where it comes from: wire, asked for, plan, profile, chip, ESI, measured, computed, assumed, or the object and
-    /// whether the device measured it.
+    /// Its origin: wire, asked for, plan, profile, chip, ESI, measured, computed, assumed, or the
+    /// object and whether the device measured it.
     pub origin: String,
 }
 
@@ -252,7 +257,7 @@ pub struct Term {
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Measured {
-    /// How often it was seen.
+    /// Number of observations.
     pub count: u64,
     /// Largest time that was needed.
     pub needed_ns: f64,
@@ -262,43 +267,47 @@ pub struct Measured {
     pub of_bound: f64,
 }
 
-/// What fits better.
+/// Suggested changes.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Suggestion {
-    /// Whether a line fails at this phase too, and so at any: what fails then is not the phase's.
+    /// Whether a line fails at this phase too, and so at any phase: then the phase is not the
+    /// reason.
     pub no_shift_helps: bool,
-    /// Phase of the acting pulse behind the frame with the most even slack; null without DC.
+    /// Phase of the acting pulse after the frame with the most even slack; null without DC.
     pub shift_ns: Option<i64>,
     /// The same as the phase of the frame, with the acting pulse at 0; null without DC.
     pub send_phase_ns: Option<i64>,
-    /// Least slack of the lines that the phase decides, with that phase; null without DC.
+    /// Least slack of the lines that depend on the phase, with that phase; null without DC.
     pub slack_ns: Option<i64>,
-    /// Shift of Outputs Valid with which all outputs that can be shifted act with the slowest; null if there is
-    /// nothing to shift.
+    /// Shift of Outputs Valid with which all outputs that can be shifted act together with the
+    /// slowest; null if there is nothing to shift.
     pub outputs_shift_ns: Option<i64>,
-    /// Positions of the SubDevices that can be shifted so.
+    /// Positions of the SubDevices whose outputs can be shifted.
     pub outputs_shiftable: Vec<usize>,
-    /// The smallest cycle that fits, other wishes unchanged; null if none up to a second does.
+    /// The smallest cycle that fits, with all other settings unchanged; null if none up to 1 s
+    /// fits.
     pub smallest_cycle_ns: Option<i64>,
-    /// Cycles that were tried are multiples of this.
+    /// The cycles that were tried are multiples of this.
     pub cycle_step_ns: i64,
 }
 
-/// What a run showed.
+/// Results of a run.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct ProofSummary {
     /// Seed of all randomness.
     pub seed: u64,
-    /// Virtual time from operation on.
+    /// Virtual time from the beginning of operation.
     pub judged_ns: i64,
-    /// Whether the plan fits, no line and no event went beyond its bound, and nothing else was wrong.
+    /// Whether the plan fits, no line and no event exceeded its bound, and nothing else was wrong.
     pub holds: bool,
-    /// A bound is tight if what was needed, and twice the clock error, is at least the bound divided by this.
+    /// A bound is tight if the time that was needed, plus twice the clock error, is at least the
+    /// bound divided by this.
     pub factor: f64,
-    /// Lines whose bound is not that tight: figures that the device states and does not need.
+    /// Number of lines whose bound is not that tight: their figures are stated by the device, which
+    /// does not need that much.
     pub loose: usize,
-    /// What went beyond its bound, and what the judges of the run found.
+    /// Bounds that were exceeded, and findings of the run's judges.
     pub findings: Vec<String>,
 }

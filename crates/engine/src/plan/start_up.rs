@@ -1,4 +1,4 @@
-//! The start-up list of a plan: what the run will write, from the code that writes it.
+//! The start-up list of a plan: what the run will write, made by the code that writes it.
 
 use isocat_descriptions::start_up::{
     Address, Area, CyclicDatagram, CyclicFrame, Dc, DeviceStartUp, ImageBits, Mailbox, ObjectStep,
@@ -20,7 +20,7 @@ use isocat_wire::sync_manager::SyncManager;
 use super::Plan;
 
 impl Plan {
-    /// What the way up will write to a SubDevice.
+    /// The writes to a SubDevice on the way up.
     pub fn writes(&self, scenario: &Scenario, position: usize) -> Writes {
         let profile = &scenario.devices[position].profile;
         let assigned = [OUTPUT_ASSIGNMENT, INPUT_ASSIGNMENT]
@@ -67,7 +67,7 @@ impl Plan {
         let mut registers =
             vec![RegisterStep::apwr(&ip, position16, address, station, "station address")];
         let profile = &scenario.devices[position].profile;
-        // They stand first among what is written in PREOP, and here with their own transitions.
+        // The first writes in PREOP are those of the description, here with their own transitions.
         let mut of_description = if device.has_coe() { &profile.startup[..] } else { &[] };
         let mut objects: Vec<_> = of_description.iter().map(download).collect();
         for (transition, list) in [(&ip, &writes.to_preop), (&ps, &writes.to_safeop)] {
@@ -88,7 +88,7 @@ impl Plan {
                     Target::Object(object) => {
                         objects.push(ObjectStep::new(transition, object, data, *comment));
                     }
-                    // They are below, with their own transitions.
+                    // They follow below, with their own transitions.
                     Target::Parameter(..) => {}
                 }
             }
@@ -135,7 +135,7 @@ impl Plan {
         }
     }
 
-    /// What SoE writes: the values as the run has them, at the transitions of the description.
+    /// SoE writes: the values of the run, at the transitions of the description.
     fn parameters(&self, profile: &Profile, position: usize) -> Vec<ParameterStep> {
         let values = self.config.devices.get(position).map(|wish| &wish.parameters[..]);
         let written = profile.parameters.iter().zip(values.unwrap_or_default());
@@ -221,7 +221,7 @@ impl Plan {
     }
 }
 
-/// Zeros as long as a value that only the run knows.
+/// Zeros in the length of a value that only the run knows.
 fn zeros(target: Target) -> Vec<u8> {
     let length = match target {
         Target::Register(address) if address == register::SYSTEM_TIME_DELAY.address => {

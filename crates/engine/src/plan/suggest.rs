@@ -1,4 +1,4 @@
-//! What fits better: the phase with the most even slack, and the smallest cycle.
+//! Suggestions: the phase with the most even slack, and the smallest cycle.
 
 use isocat_maindevice::Config;
 use isocat_sync::SyncMode;
@@ -11,7 +11,7 @@ use super::Plan;
 use super::report::Suggestion;
 use super::warnings;
 
-/// Looks for both. The cycle is searched by planning again and again, with the phase left to the plan.
+/// Computes both. The cycle is searched by repeated planning, with the phase left to the plan.
 pub fn suggest(plan: &Plan) -> Suggestion {
     let timing = plan.timing();
     let cycle = timing.cycle;
@@ -19,7 +19,7 @@ pub fn suggest(plan: &Plan) -> Suggestion {
     let window = common_window(&cycle, devices());
     let ends = window.map(|window| {
         let earliest = window.earliest.unwrap_or(cycle.send);
-        // The pulse comes in the bus cycle of the frame, however slow all devices are.
+        // The pulse comes in the bus cycle of the frame, even if all devices are slow.
         let end = cycle.send + cycle.cycle;
         (earliest, window.latest.map_or(end, |latest| latest.min(end)))
     });
@@ -27,7 +27,7 @@ pub fn suggest(plan: &Plan) -> Suggestion {
         let middle = (earliest.0 + latest.0).div_euclid(2);
         Nanos(middle.div_euclid(TICK) * TICK)
     });
-    // A line that looks at no phase may fail at any.
+    // A line that does not depend on the phase may fail at any.
     let helps = |shift: &Nanos| {
         let shift = Nanos(shift.0.rem_euclid(cycle.cycle.0));
         plan.with(Config { shift: Some(shift), ..plan.config.clone() })
@@ -61,7 +61,8 @@ pub fn suggest(plan: &Plan) -> Suggestion {
     }
 }
 
-/// Cycles are multiples of a microsecond, and of every SYNC0 cycle that must go into them.
+/// Step of the cycles that are tried: a multiple of a microsecond, and of every SYNC0 cycle that
+/// must divide it.
 fn step(plan: &Plan) -> i64 {
     let subordinated = |mode| mode == SyncMode::DcSubordinated;
     let own = plan.timing().devices.iter().map(|(device, _)| device);
@@ -69,11 +70,11 @@ fn step(plan: &Plan) -> i64 {
     own.fold(MICROSECOND, least_common_multiple)
 }
 
-/// By halving: a longer cycle has more room in every line.
+/// The smallest cycle, by bisection: a longer cycle has more slack in every line.
 fn smallest_cycle(plan: &Plan, step: i64) -> Option<Nanos> {
     let fits = |count: i64| {
         let mut wished = Config { cycle: Nanos(count * step), shift: None, ..plan.config.clone() };
-        // Slower devices stay so many times slower.
+        // Slower devices keep their ratio to the bus cycle.
         for device in &mut wished.devices {
             let times = device.cycle.map(|own| own.0 / plan.config.cycle.0);
             device.cycle = times.map(|times| Nanos(times * wished.cycle.0));
@@ -99,11 +100,12 @@ fn smallest_cycle(plan: &Plan, step: i64) -> Option<Nanos> {
     Some(Nanos(enough * step))
 }
 
-/// Whether a cycle has room for the longest mailbox message: a cycle that only its plan can live in is no help.
+/// Whether the cycle has time for the longest mailbox message. A cycle that fits only the plan's
+/// frames is no help.
 fn mailboxes_fit(plan: &Plan) -> bool {
     let longest = plan.segment.devices.iter().filter_map(warnings::mailbox_frame).max();
     let frames = plan.timing().frames_in_cycle().line();
-    // The line has room for a short frame.
+    // The line includes a short frame.
     longest.is_none_or(|longest| longest - SHORT_FRAME <= frames.slack())
 }
 
@@ -115,7 +117,7 @@ fn least_common_multiple(a: i64, b: i64) -> i64 {
     a / x * b
 }
 
-/// On the wire, with its gap.
+/// Time of the shortest frame on the wire, with its gap.
 const SHORT_FRAME: Nanos =
     Nanos(((frame::MIN_LEN + frame::WIRE_OVERHEAD) as u64 * frame::BYTE_TIME_NS) as i64);
 /// Grid of SYNC pulses, ns.

@@ -9,15 +9,14 @@ use isocat_wire::time::Nanos;
 use super::report::{Device, Frame, Line, PlanReport, Term};
 use crate::report::{BAD, GOOD, QUIET};
 
-/// SubDevices whose figures are told one by one; of more, a table and the tightest lines.
+/// Above this number of SubDevices, a table and the tightest lines replace the figures of each.
 const MOST_IN_FULL: usize = 6;
 const MOST_DEVICES: usize = 40;
-/// Frames, datagrams, assumptions, warnings and findings that a reader wants to see.
+/// Largest number of frames, datagrams, assumptions, warnings and findings in the text.
 const MOST_NOTES: usize = 12;
 
 impl PlanReport {
-    /// The plan as text, with ANSI styles; print it through a stream that strips them where they
-    /// are not wanted.
+    /// The plan as text, with ANSI styles; print it through a stream that strips them if needed.
     pub fn text(&self) -> String {
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -147,7 +146,8 @@ impl PlanReport {
         Ok(())
     }
 
-    /// Of each kind of line the tightest one; with a proof also the one whose bound was used up most.
+    /// Writes the tightest line of each kind; with a proof also the one that used up most of its
+    /// bound.
     fn write_tightest(&self, out: &mut String) -> fmt::Result {
         writeln!(out, "\nThe tightest line of each kind; --json has all of them")?;
         let mut kinds: Vec<Check> = Vec::new();
@@ -178,7 +178,7 @@ impl PlanReport {
         Ok(())
     }
 
-    /// How makers' descriptions were read; devices that were read alike stand together.
+    /// Writes how ESI files were read; devices that were read alike are grouped.
     fn write_descriptions(&self, out: &mut String) -> fmt::Result {
         let mut alike: Vec<Vec<&Device>> = Vec::new();
         for device in self.devices.iter().filter(|device| !device.description.is_empty()) {
@@ -351,7 +351,7 @@ fn write_line(out: &mut String, line: &Line) -> fmt::Result {
     }
 }
 
-/// `frame to its last bit 9.2 us [wire] + send jitter 20 us [asked for] = 29.2 us`
+/// A sum as text: `frame to its last bit 9.2 us [wire] + send jitter 20 us [asked for] = 29.2 us`.
 fn sum(terms: &[Term], total: i64) -> String {
     let mut text = String::new();
     for (i, term) in terms.iter().enumerate() {
@@ -370,7 +370,7 @@ fn sum(terms: &[Term], total: i64) -> String {
     }
 }
 
-/// `1 finding`, `2 findings`.
+/// A count as text: `1 finding`, `2 findings`.
 fn counted(count: usize, what: &str) -> String {
     if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
 }

@@ -1,4 +1,4 @@
-//! What the field falls into: settings that are allowed, and that fail on a real wire.
+//! Warnings: settings that are allowed, and that fail on a real wire.
 
 use isocat_maindevice::segment::{SyncObject, Timing};
 use isocat_maindevice::{DeviceConfig, SubDevice};
@@ -43,8 +43,8 @@ pub(super) fn all(plan: &Plan, scenario: &Scenario) -> Vec<Note> {
     notes
 }
 
-/// A SYNC0 that comes while the frame passes: devices at the end of the line see old outputs, those at the
-/// front new ones.
+/// Warns if a SYNC0 comes while the frame passes: devices at the end of the line use old outputs,
+/// those at the front new ones.
 fn sync0_in_frame(
     cycle: &budget::Cycle,
     shift: Option<Nanos>,
@@ -64,7 +64,8 @@ fn sync0_in_frame(
     })
 }
 
-/// Copying the outputs alone takes longer than the minimum cycle: one of both is not true.
+/// Warns if copying the outputs alone takes longer than the minimum cycle: one of the two figures
+/// is wrong.
 fn copy_longer_than_cycle(found: &SubDevice, planned: &budget::Device) -> Option<String> {
     let of = |object: &Option<SyncObject>| object.as_ref().map(|object| object.values);
     let copy = of(&found.output_sync)?.calc_and_copy_time?;
@@ -80,8 +81,8 @@ fn copy_longer_than_cycle(found: &SubDevice, planned: &budget::Device) -> Option
     })
 }
 
-/// A shift by local timer that the mode has no use for: its outputs or inputs are shifted by SYNC1,
-/// or not at all.
+/// Warns of a shift by local timer that the mode does not use: its outputs or inputs are shifted by
+/// SYNC1, or not at all.
 fn shift_unused(planned: &budget::Device, wish: &DeviceConfig) -> Option<String> {
     let asked = |shift: Option<Nanos>| shift.filter(|shift| *shift > Nanos::ZERO);
     let outputs = asked(wish.shift_outputs)
@@ -95,7 +96,7 @@ fn shift_unused(planned: &budget::Device, wish: &DeviceConfig) -> Option<String>
     (!all.is_empty()).then(|| format!("{} in mode {}", all.join(", "), planned.mode))
 }
 
-/// A mailbox whose frame is longer than what a cycle has to spare.
+/// Warns of a mailbox whose frame is longer than the free time of a cycle.
 fn mailbox_no_room(found: &SubDevice, timing: &Timing) -> Option<String> {
     let needed = mailbox_frame(found)?;
     let spare = timing.cycle.cycle - timing.frames_on_wire() - timing.cycle.jitter;
@@ -107,7 +108,7 @@ fn mailbox_no_room(found: &SubDevice, timing: &Timing) -> Option<String> {
     })
 }
 
-/// How long a frame is on the wire that carries the longest mailbox message.
+/// Time on the wire of the frame with the longest mailbox message.
 pub(super) fn mailbox_frame(found: &SubDevice) -> Option<Nanos> {
     let header = &found.sii.header;
     let length = usize::from(header.receive.length.max(header.send.length));
@@ -116,10 +117,10 @@ pub(super) fn mailbox_frame(found: &SubDevice) -> Option<Nanos> {
     found.has_mailbox().then_some(Nanos(on_wire as i64 * frame::BYTE_TIME_NS as i64))
 }
 
-/// Header and working counter.
+/// Bytes of header and working counter.
 const DATAGRAM: usize = datagram::HEADER_LEN + datagram::WKC_LEN;
 
-/// It can't be told to be in Free Run, and would choose SM for itself.
+/// Warns if a device cannot be set to Free Run, and would choose SM by itself.
 fn free_run_by_sm(found: &SubDevice) -> Option<String> {
     isocat_maindevice::takes_sm_mode(found).then(|| {
         "wanted in Free Run, but 0x1C32:01 can't be written and 0x1C32:04 announces SM: it will work by the SM event,          with its minimum cycle"
@@ -127,7 +128,7 @@ fn free_run_by_sm(found: &SubDevice) -> Option<String> {
     })
 }
 
-/// A base cycle of several SYNC0 pulses may begin at any of them.
+/// Warns if a base cycle of several SYNC0 pulses may begin at any of them.
 fn two_phases(found: &SubDevice, planned: &budget::Device) -> Option<String> {
     let stated = found.output_sync.as_ref()?.values.sync0_cycle_time?;
     let sync0 = planned.pulses.sync0_cycle;
@@ -157,7 +158,8 @@ fn sync_object(found: &SubDevice, index: u16) -> Option<&isocat_maindevice::segm
     }
 }
 
-/// Types that can't be written: they are fixed on the way from PREOP to SAFEOP, by the SYNC unit as it then is.
+/// Warns of types that cannot be written: they are fixed from PREOP to SAFEOP, by the state of the
+/// SYNC unit at that time.
 fn read_only_types(found: &SubDevice) -> Option<String> {
     let fixed = |(index, wanted): (u16, SyncType)| {
         let entry = sync_object(found, index)?.entry(sub::SYNC_TYPE)?;
@@ -177,7 +179,7 @@ fn read_only_types(found: &SubDevice) -> Option<String> {
     })
 }
 
-/// Sub-index 01 shows a type that sub-index 04 does not announce.
+/// Warns if sub-index 01 shows a type that sub-index 04 does not announce.
 fn type_against_announcement(found: &SubDevice, index: u16) -> Option<String> {
     let values = &sync_object(found, index)?.values;
     let (shown, announced) = (values.sync_type?, values.supported?);
@@ -195,7 +197,7 @@ fn type_against_announcement(found: &SubDevice, index: u16) -> Option<String> {
     })
 }
 
-/// Both objects announce different modes.
+/// Warns if the two objects announce different modes.
 fn types_disagree(found: &SubDevice) -> Option<String> {
     let types = |index| sync_object(found, index)?.values.supported;
     let (outputs, inputs) = (types(OUTPUT_PARAMETER)?, types(INPUT_PARAMETER)?);
@@ -207,7 +209,7 @@ fn types_disagree(found: &SubDevice) -> Option<String> {
     })
 }
 
-/// All choices of the device leave SYNC off, and it is to run by SYNC.
+/// Warns if all OpModes of the device leave SYNC off, and it is to run by SYNC.
 fn opmode_leaves_sync_off(found: &SubDevice) -> Option<String> {
     let modes = &found.sii.operation_modes;
     let dc = found.mode.uses_dc();
@@ -222,7 +224,7 @@ fn opmode_leaves_sync_off(found: &SubDevice) -> Option<String> {
     ))
 }
 
-/// The first choice, which many MainDevices take, switches DC off.
+/// Warns if the first OpMode, which many MainDevices use, switches DC off.
 fn first_opmode_is_off(found: &SubDevice) -> Option<String> {
     let modes = &found.sii.operation_modes;
     let first = modes.first()?.assign_activate;
@@ -237,7 +239,7 @@ fn first_opmode_is_off(found: &SubDevice) -> Option<String> {
     })
 }
 
-/// SYNC0 or SYNC1 runs with this AssignActivate.
+/// Whether SYNC0 or SYNC1 runs with this AssignActivate.
 const fn makes_pulses(word: u16) -> bool {
     let word = AssignActivate(word);
     word.makes_sync0() || word.makes_sync1()

@@ -1,9 +1,10 @@
-//! What becomes of a segment when one cable or the power of one SubDevice goes for a time.
+//! Effects on a segment when one cable or the power of one SubDevice fails for a time.
 //!
-//! Nothing of it is computed: each case is a run of the segment in virtual time, as the proof's is ([`proof`](mod@super::proof)),
-//! with one fault. The cable that leads to a SubDevice is pulled, or the SubDevice loses its power; after a time it is
-//! back, and the run goes on until all are in sync again, or until nothing more comes. An onlooker and the course of
-//! the run ([`isocat_sim::course`]) take what became of each SubDevice, in true time.
+//! Nothing is computed: each case is a run of the segment in virtual time, like the proof's
+//! ([`proof`](mod@super::proof)), with one fault. The cable that leads to a SubDevice is pulled, or
+//! the SubDevice loses its power. After a time the fault ends, and the run goes on until all are in
+//! sync again, or until nothing more changes. An observer and the course of the run
+//! ([`isocat_sim::course`]) record the effects on each SubDevice, in true time.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -27,39 +28,41 @@ use onlooker::{Onlooker, Seen, Shared};
 pub use report::{Case, Clocks, Fate, Gone, NotBack, Outcome, WhatIf};
 pub use text::Row;
 
-/// What is tried, and with what.
+/// Settings of the trials.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Settings {
-    /// How long a cable or the power is gone, up to [`LONGEST`].
+    /// Duration of the fault, up to [`LONGEST`].
     pub gone: Nanos,
     /// Positions of the SubDevices whose cable and power are tried, in this order.
     pub devices: Vec<usize>,
-    /// On so many threads.
+    /// Number of threads.
     pub threads: usize,
 }
 
-/// How long something is gone unless it is said otherwise: longer than a watchdog as chips have it (100 ms) and than a link
-/// takes to come (300 ms).
+/// Default duration of the fault. It is longer than a usual watchdog of chips (100 ms) and than the
+/// time until a link is up (300 ms).
 pub const GONE: Nanos = Nanos::millis(500);
-/// The longest time: of it, as of what follows, all is run.
+/// Longest duration of the fault: all of it, and of the time after it, is simulated.
 pub const LONGEST: Nanos = Nanos::millis(60_000);
-/// In operation before something goes: the drift loops are at rest.
+/// Time in operation before the fault: the drift loops settle.
 const BEFORE: Nanos = Nanos::millis(100);
-/// All have been in sync for so long: it is over. Longer than a watchdog as chips have it and than a link takes to come.
+/// The case ends once all SubDevices have been in sync for this time. It is longer than a usual
+/// watchdog of chips and than the time until a link is up.
 const QUIET: Nanos = Nanos::millis(500);
-/// No SubDevice has changed its state for so long, pauses of the recovery aside: nothing more comes.
+/// The case ends if no SubDevice has changed its state for this time, not counting pauses of the
+/// recovery.
 const PATIENCE: Nanos = Nanos::millis(3_000);
-/// Nor is it followed for longer than this.
+/// Longest time that a case is followed.
 const LIMIT: Nanos = Nanos::millis(60_000);
-/// Cycles that each of these spans has at least.
+/// Least number of cycles in each of these spans.
 const CYCLES: i64 = 20;
-/// How often it is looked whether it is over.
+/// Interval of the check for the end.
 const LOOK: Nanos = Nanos::millis(10);
-/// Virtual time in which a way up ends; each of its steps has a deadline of its own, far below.
+/// Virtual time limit of the way up; each of its steps has a much shorter deadline.
 const WAY_UP: Nanos = Nanos::millis(300_000);
 
-/// Runs all cases: for each SubDevice its cable, then its power. `progress` is told how many are over. Where the
-/// way up fails, it does so in all cases alike, and there are none.
+/// Runs all cases: for each SubDevice its cable, then its power. `progress` gets the number of
+/// finished cases. If the way up fails, it fails in all cases alike, and there are none.
 pub fn what_if(
     plan: &Plan,
     scenario: &Scenario,
@@ -107,7 +110,7 @@ pub fn what_if(
     }
 }
 
-/// The segment with nothing that goes wrong and nothing that is expected.
+/// The scenario without faults and expectations.
 fn quiet(scenario: Scenario) -> Scenario {
     Scenario { faults: Faults::default(), expectations: Vec::new(), ..scenario }
 }
@@ -116,7 +119,7 @@ fn spans(scenario: &Scenario, time: Nanos) -> Nanos {
     time.max(Nanos(scenario.cycle.0.saturating_mul(CYCLES)))
 }
 
-/// One case as it runs.
+/// One case in progress.
 struct Trial<'a> {
     scenario: &'a Scenario,
     what: Gone,
@@ -126,7 +129,7 @@ struct Trial<'a> {
     onlooker: Shared,
 }
 
-/// When what was gone went and was back.
+/// Instants of the begin and the end of the fault.
 #[derive(Clone, Copy, Debug)]
 struct Instants {
     gone: Time<True>,
@@ -179,7 +182,7 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// Runs until all have been in sync for long enough, or until nothing more comes.
+    /// Runs until all have been in sync for long enough, or until nothing more changes.
     fn follow(&mut self, back: Time<True>) {
         let quiet = Picos::from(spans(self.scenario, QUIET));
         let patience = Picos::from(spans(self.scenario, PATIENCE) + self.longest_pause());
@@ -210,7 +213,7 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// The onlooker sees events as they are taken.
+    /// Drops events; the observer gets them when they are polled.
     fn take_events(&mut self) {
         while self.world.poll_event().is_some() {}
     }
@@ -234,7 +237,7 @@ impl<'a> Trial<'a> {
         let stretches = self.world.course().map_or(&[][..], Course::stretches);
         let of_device = || stretches.iter().filter(|stretch| stretch.device == position);
         let first = of_device().next();
-        // A device's own clock counts whole ticks: what happens to it then may seem to lie a little before.
+        // A device's own clock counts whole ticks, so an event may seem to be slightly earlier.
         let tick = Picos::from(Nanos::micros(1));
         let is_cut_off = seen.lost.is_some() || seen.pause > self.missing(position);
         let outcome = match first {
@@ -266,7 +269,8 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// From when what was gone is back to the last sign that a SubDevice is not in sync; `None`: there are signs up to the end.
+    /// Time from the end of the fault to the last sign that a SubDevice is not in sync; `None` if
+    /// there are signs up to the end.
     fn in_sync_again(
         &self,
         position: usize,
@@ -279,7 +283,7 @@ impl<'a> Trial<'a> {
         if is_given_up || of_device().any(|stretch| stretch.open) {
             return None;
         }
-        // A SubDevice that stays in OP shows no sign: it is there again when frames are.
+        // A SubDevice that stays in OP shows no sign: it is back when frames are.
         let admitted = seen.lost.and_then(|(_, again)| again);
         let exchanged = seen.exchanged_again.filter(|_| seen.pause > self.missing(position));
         let signs = of_device().map(|stretch| stretch.to).max();
@@ -287,7 +291,7 @@ impl<'a> Trial<'a> {
         Some(last.map_or(0, |last| nanos(last - back).max(0)))
     }
 
-    /// A pause of the exchange in which frames were missing, not just late.
+    /// Shortest pause of the exchange that means missing frames, not late ones.
     fn missing(&self, position: usize) -> Picos {
         let every = self.world.bench.intent().and_then(|intent| *intent.exchange.get(position)?);
         let cycle = every.map_or(self.scenario.cycle, |grid| grid.cycle);
@@ -305,7 +309,7 @@ impl<'a> Trial<'a> {
     }
 }
 
-/// What becomes of the clock that leads, and which one leads in its place.
+/// The effect on the clock that leads, and the position of the clock that leads in its place.
 fn clocks(seen: &Seen, fates: &[Fate]) -> (Clocks, Option<usize>) {
     let Some(reference) = seen.reference else { return (Clocks::None, None) };
     let leads = seen.elected.filter(|elected| *elected != reference);

@@ -1,4 +1,5 @@
-//! When what happens in the cycle of one SubDevice: phases in the bus cycle by the reference clock.
+//! Times of the events in the cycle of one SubDevice: phases in the bus cycle by the reference
+//! clock.
 
 use isocat_maindevice::segment::Timing;
 use isocat_sim::Statistics;
@@ -6,55 +7,58 @@ use isocat_sync::budget::{Device, Span};
 use isocat_sync::{Moment, SyncMode};
 use isocat_wire::time::{Nanos, Time, True};
 
-/// The cycle of one SubDevice as it was seen.
+/// The observed cycle of one SubDevice.
 #[derive(Clone, PartialEq, Debug)]
 pub struct CycleSeen {
-    /// What its phases count from.
+    /// Origin of its phases.
     pub origin: Origin,
-    /// Each event that happened, in the order of its mean.
+    /// Each observed event, in the order of its mean.
     pub moments: Vec<(Moment, Statistics)>,
-    /// How long outputs took to be copied and calculated, ps.
+    /// Duration of copying and calculating outputs, ps.
     pub outputs_took: Statistics,
-    /// How long inputs took to be copied and calculated, ps.
+    /// Duration of copying and calculating inputs, ps.
     pub inputs_took: Statistics,
-    /// What was left from outputs that were ready to the pulse that acts on them, ps; negative: it came first.
+    /// Time from ready outputs to the pulse at which they act, ps; negative if the pulse came
+    /// first.
     pub outputs_left: Statistics,
 }
 
-/// What phases count from.
+/// Origin of phases.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Origin {
     /// The begin of a bus cycle, by the reference clock.
     BusCycle,
-    /// The first step of the SubDevice's own cycle, in true time: in Free Run, and without a reference clock.
+    /// The first step of the SubDevice's own cycle, in true time: in Free Run, and without a
+    /// reference clock.
     OwnCycle,
 }
 
 impl CycleSeen {
-    /// What was seen of an event, ps.
+    /// Statistics of an event, ps.
     pub fn of(&self, moment: Moment) -> Option<&Statistics> {
         self.moments.iter().find(|(of, _)| *of == moment).map(|(_, seen)| seen)
     }
 }
 
-/// Takes phases.
+/// Collects phases.
 #[derive(Clone, Debug)]
 pub(super) struct Phases {
     mode: SyncMode,
-    /// From one exchange of its process data to the next.
+    /// Time from one exchange of its process data to the next.
     cycle: i128,
-    /// From SYNC0 to SYNC0.
+    /// Time from SYNC0 to SYNC0.
     pulse_cycle: i128,
-    /// Around which phase an event lies: the plan's, else that of the first one.
+    /// The phase around which an event lies: that of the plan, or else of its first occurrence.
     around: [Option<i128>; MOMENTS],
     seen: [Statistics; MOMENTS],
-    /// The last event: when by the clock that is counted with, and its phase.
+    /// The last event: its time by the clock in use, and its phase.
     last: Option<(i128, i128)>,
-    /// The step that begins a cycle of its own.
+    /// The step that begins a cycle of the device's own.
     first_step: Option<Moment>,
     /// The pulse at which outputs act.
     acting: Option<Moment>,
-    /// When outputs were fetched, were ready, were wanted before they were, and when inputs were begun.
+    /// Times when outputs were fetched, were ready, were required before they were ready, and when
+    /// inputs were begun.
     fetched: Option<Time<True>>,
     ready: Option<Time<True>>,
     overtaken: Option<Time<True>>,
@@ -94,8 +98,8 @@ impl Phases {
         }
     }
 
-    /// Something happened, when the reference clock, if there is one, stood at `system_ps`. True if it is a pulse that found its
-    /// outputs still in work.
+    /// Notes an event; `system_ps` is the time of the reference clock, if there is one. Returns
+    /// true for a pulse that came while outputs were in work.
     pub fn happened(&mut self, at: Time<True>, system_ps: Option<i128>, moment: Moment) -> bool {
         self.spans(at, moment);
         self.place(at, system_ps, moment);
@@ -108,7 +112,8 @@ impl Phases {
             return self.in_own_cycle(i128::from(at.count()), moment);
         }
         let Some(now) = system_ps else { return };
-        // Of those that nobody planned: where the first one lay, behind the event before it.
+        // An event without a planned phase has that of its first occurrence, after the event before
+        // it.
         let around = match (self.around[number], self.last) {
             (Some(around), _) => around,
             (None, Some((before, phase))) => *self.around[number].insert(phase + now - before),
@@ -118,7 +123,8 @@ impl Phases {
         let cycle = (if often { self.pulse_cycle } else { self.cycle }).max(1);
         let into = (now - around).rem_euclid(cycle);
         let phase = around + if into > cycle / 2 { into - cycle } else { into };
-        // The frame that fetches inputs belongs to the next cycle; of pulses within a cycle nobody knows which one it is.
+        // The frame that fetches inputs belongs to the next cycle, and several pulses within a
+        // cycle cannot be told apart.
         if moment != Moment::Sm3 && !often {
             self.last = Some((now, phase));
         }
@@ -133,7 +139,7 @@ impl Phases {
         if begins && *self.first_step.get_or_insert(moment) == moment {
             self.last = Some((now, 0));
         }
-        // Frames come whenever they come.
+        // Frames are independent of the device's own cycle.
         if !matches!(moment, Moment::Sm2 | Moment::Sm3)
             && let Some((began, _)) = self.last
         {
@@ -141,12 +147,12 @@ impl Phases {
         }
     }
 
-    /// Takes how long work took, and what was left of the time for it.
+    /// Notes the duration of work, and the time left before its deadline.
     fn spans(&mut self, at: Time<True>, moment: Moment) {
         match moment {
             Moment::OutputsFetched => {
                 self.fetched = Some(at);
-                // What nobody took until now is of the past.
+                // Outputs that no pulse has used until now are obsolete.
                 self.ready = None;
             }
             Moment::OutputsReady => {

@@ -1,9 +1,10 @@
-//! Long series in little memory: spans of time with least, mean and largest value, and counts by size.
+//! Long series in little memory: spans of time with least, mean and largest value, and counts by
+//! size.
 
 use isocat_wire::time::Picos;
 
-/// A series of values in ps over time. Spans of time become longer as the series does: their number stays below a bound, and
-/// no peak is lost.
+/// A series of values in ps over time. Spans of time grow with the series: their number stays below
+/// a bound, and no peak is lost.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct Series {
     spans: Vec<SpanOfTime>,
@@ -14,12 +15,12 @@ pub struct Series {
     sum: i128,
 }
 
-/// Some values in a row.
+/// Consecutive values.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SpanOfTime {
-    /// The first one came then.
+    /// Time of the first value.
     pub begin: Picos,
-    /// The last one came then.
+    /// Time of the last value.
     pub end: Picos,
     /// Least.
     pub least: i64,
@@ -27,7 +28,7 @@ pub struct SpanOfTime {
     pub largest: i64,
     /// Sum.
     pub sum: i128,
-    /// How many.
+    /// Number of values.
     pub count: u64,
 }
 
@@ -47,12 +48,12 @@ impl SpanOfTime {
 }
 
 impl Series {
-    /// Up to `most` spans, at least two.
+    /// A series of up to `most` spans, at least two.
     pub fn new(most: usize) -> Self {
         Self { most: most.max(2), width: 1, ..Self::default() }
     }
 
-    /// Takes a value, not earlier than the last one.
+    /// Adds a value, not earlier than the last one.
     pub fn push(&mut self, at: Picos, value: i64) {
         self.count += 1;
         self.sum += i128::from(value);
@@ -85,7 +86,7 @@ impl Series {
         self.width = self.width.max(1) * 2;
     }
 
-    /// The same with all values greater by `by`, ps.
+    /// The same series with `by` ps added to all values.
     pub fn shifted(&self, by: i64) -> Self {
         let mut shifted = self.clone();
         for span in &mut shifted.spans {
@@ -102,7 +103,7 @@ impl Series {
         &self.spans
     }
 
-    /// Values taken.
+    /// Number of values.
     pub fn count(&self) -> u64 {
         self.count
     }
@@ -119,7 +120,7 @@ impl Series {
     }
 }
 
-/// Counts by size. Bins become wider as values go further.
+/// Counts by size. Bins grow with the range of values.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Histogram {
     /// Width of a bin, ps.
@@ -138,7 +139,7 @@ impl Default for Histogram {
 }
 
 impl Histogram {
-    /// Takes a value, ps.
+    /// Adds a value, ps.
     pub fn push(&mut self, value: i64) {
         while !(-HALF..HALF).contains(&value.div_euclid(self.width)) {
             self.widen();
@@ -160,7 +161,7 @@ impl Histogram {
         self.width
     }
 
-    /// Bins that hold something: where they begin, ps, and how many values are in them.
+    /// Bins that are not empty: begin in ps, and number of values.
     pub fn bins(&self) -> impl Iterator<Item = (i64, u64)> + '_ {
         let begin = |at: usize| (at as i64 - HALF) * self.width;
         let all = self.bins.iter().enumerate();

@@ -1,4 +1,4 @@
-//! The modelled SubDevices, one behind the other, in the time of the capture.
+//! The modelled SubDevices in a chain, in the time of the capture.
 
 use isocat_esc::{Chip, Esc, EscPdi, Pdi};
 use isocat_wire::datagram::Address;
@@ -17,13 +17,13 @@ pub(crate) struct Chain {
     pub escs: Vec<Esc<Vec<u8>>>,
     /// The present instant, ns.
     now: u64,
-    /// When the CPUs last accessed their ESCs, at least.
+    /// Time of the last access of the CPUs to their ESCs, or earlier.
     alive: u64,
 }
 
 impl Chain {
-    /// After power-on, with the cables and the station addresses that the capture shows at its
-    /// beginning.
+    /// The chain after power-on, with the cables and the station addresses at the begin of the
+    /// capture.
     pub fn new(evidence: &Evidence, builds: Vec<Build>) -> Self {
         let last = evidence.devices.len().saturating_sub(1);
         let devices = evidence.devices.iter().zip(builds).enumerate();
@@ -45,8 +45,8 @@ impl Chain {
         chain
     }
 
-    /// Goes on to `at`, ns from the first frame; not back. CPUs behind a PDI show that they live
-    /// meanwhile.
+    /// Advances to `at`, ns from the first frame; never backwards. CPUs behind a PDI show meanwhile
+    /// that they are alive.
     pub fn advance(&mut self, at: u64) {
         let to = START_NS.saturating_add(at).max(self.now);
         while to.saturating_sub(self.alive) > ALIVE_NS {
@@ -60,7 +60,7 @@ impl Chain {
         self.now = to;
     }
 
-    /// Passes a frame through the first `reached` of them and lets it end.
+    /// Passes a frame through the first `reached` SubDevices and ends it.
     pub fn pass(&mut self, frame: &mut [u8], reached: usize) {
         let duration = duration_ns(frame.len());
         for (position, esc) in self.escs.iter_mut().take(reached).enumerate() {
@@ -80,12 +80,12 @@ impl Chain {
         self.escs.iter_mut().for_each(|esc| step(esc, now));
     }
 
-    /// What ECAT once wrote to one of them alone, before the capture began.
+    /// Writes to a single SubDevice, as ECAT did before the capture began.
     pub fn write(&mut self, position: usize, address: u16, data: &[u8]) {
         self.send(position, Command::Apwr, address, data);
     }
 
-    /// Two bytes that ECAT once read of one of them alone.
+    /// Reads two bytes from a single SubDevice, as ECAT did before the capture began.
     pub fn read(&mut self, position: usize, address: u16) {
         self.send(position, Command::Aprd, address, &[0; 2]);
     }
@@ -107,13 +107,13 @@ impl Chain {
         self.escs.iter_mut().for_each(|esc| step(esc, now));
     }
 
-    /// The CPU's door to one of them, now.
+    /// Access of the CPU to one SubDevice, at the present instant.
     pub fn pdi(&mut self, position: usize) -> EscPdi<'_, Vec<u8>> {
         self.escs[position].pdi(Time::new(self.now))
     }
 
-    /// Where each byte of a logical datagram is read from at this SubDevice: offset in the data,
-    /// bit there, address, bit there.
+    /// The source of each bit of a logical datagram at this SubDevice: offset in the data, bit
+    /// there, address, bit there.
     pub fn mapped(&self, position: usize, first: u32, len: usize) -> Vec<(usize, u8, u16, u8)> {
         let esc = &self.escs[position];
         let mut bits = Vec::new();
@@ -138,7 +138,7 @@ impl Chain {
     }
 }
 
-/// Whether a CPU is behind its PDI: it does not emulate the device.
+/// Whether a CPU is behind its PDI: the ESC does not use device emulation.
 pub(crate) fn has_cpu(esc: &Esc<Vec<u8>>) -> bool {
     esc.register(register::ESC_CONFIGURATION) & 1 == 0
 }
@@ -167,7 +167,7 @@ fn esc(device: &Device, build: Build, goes_on: bool) -> Esc<Vec<u8>> {
     esc
 }
 
-/// The ports with a cable: as DL status first shows them; else those of a line.
+/// The ports with a cable, as DL status first shows them; otherwise those of a line.
 fn links(device: &Device, chip: &Chip, goes_on: bool) -> [bool; 4] {
     let low = device.first.get(&0x0110);
     let high = device.first.get(&0x0111);
@@ -190,7 +190,7 @@ fn links(device: &Device, chip: &Chip, goes_on: bool) -> [bool; 4] {
 
 /// The first frame of a capture is at this instant of the ESCs' oscillators.
 const START_NS: u64 = 1_000_000;
-/// From one SubDevice to the next. Nothing that is compared depends on it.
+/// Time from one SubDevice to the next. No compared value depends on it.
 const HOP_NS: u64 = 100;
-/// How often a CPU accesses its ESC at least: half of the PDI watchdog's usual time.
+/// Longest time between two accesses of a CPU to its ESC: half of the PDI watchdog's usual time.
 const ALIVE_NS: u64 = 50_000_000;

@@ -1,4 +1,4 @@
-//! What differs between the answer of silicon and that of the model.
+//! Differences between the answer of silicon and that of the model.
 
 use isocat_wire::frame::ETHERNET_HEADER_LEN;
 
@@ -6,20 +6,20 @@ use super::chain::Chain;
 use super::exchange::Exchange;
 use super::parts::{Pair, Stations, Whom, list, pairs, reads};
 
-/// One difference, before it is known why.
+/// One difference, without its reason.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Raw {
     /// Datagram of the frame, from 0.
     pub datagram: usize,
-    /// What differs.
+    /// The part that differs.
     pub part: Part,
     /// Position of the SubDevice, if it is known.
     pub device: Option<usize>,
-    /// The first byte in the memory of the SubDevice, where that is known.
+    /// Address of the first byte in the memory of the SubDevice, if known.
     pub address: Option<u16>,
-    /// As silicon answered; a number is little-endian.
+    /// Answer of the silicon; a number is little-endian.
     pub silicon: Vec<u8>,
-    /// As the model did.
+    /// Answer of the model.
     pub model: Vec<u8>,
 }
 
@@ -33,7 +33,7 @@ pub(crate) enum Part {
     WorkingCounter,
 }
 
-/// Compares the answer of an exchange with the frame as the model sends it back.
+/// Compares the answer of an exchange with the frame that the model sends back.
 pub(crate) fn compare(
     exchange: &Exchange,
     model: &[u8],
@@ -117,7 +117,7 @@ fn goes_on(last: &Raw, datagram: usize, device: Option<usize>, address: Option<u
         && super::names::name(first) == super::names::name(next)
 }
 
-/// Where a data byte of a datagram comes from.
+/// Origin of a data byte of a datagram.
 #[derive(Clone, Copy, Default)]
 struct Place {
     device: Option<usize>,
@@ -138,13 +138,13 @@ fn places(pair: &Pair<'_>, chain: &Chain, device: Option<usize>) -> Vec<Place> {
         }
         return places;
     }
-    // While silicon's EEPROM works, how far it is is a matter of its speed.
+    // While silicon's EEPROM is busy, its progress depends on its speed.
     let busy = pair.back_at(0x0503).is_some_and(|status| status & 0x80 != 0);
     let first = usize::from(pair.sent.header.ado());
     for (at, place) in places.iter_mut().enumerate() {
         let address = u16::try_from(first + at).ok();
         *place = Place { device, address, left_out: false };
-        // What is only written comes back as it went, whatever register it is for.
+        // Data that are only written come back unchanged, whatever register they are for.
         if let Some(address) = address.filter(|_| reads(pair.command)) {
             place.left_out = runs_by_itself(address) || busy && (0x0500..0x0510).contains(&address);
         }
@@ -152,8 +152,8 @@ fn places(pair: &Pair<'_>, chain: &Chain, device: Option<usize>) -> Vec<Place> {
     places
 }
 
-/// Registers that depend on clocks and pins, which no capture holds: receive times, system time and
-/// what is computed of it, times of SYNC and latch units, of buffers.
+/// Whether a register depends on clocks or pins, which no capture holds: receive times, system time
+/// and what is computed from it, times of SYNC and latch units and of buffers.
 fn runs_by_itself(address: u16) -> bool {
     matches!(
         address,

@@ -1,8 +1,8 @@
-//! The part of the CPUs, which no capture shows: before each frame they do at the PDI what its
+//! The actions of the CPUs, which no capture shows: before each frame they do at the PDI what its
 //! answer shows that they had done.
 //!
-//! Forced are AL status of devices with a CPU, contents and instants of mailboxes, inputs, and who
-//! holds the EEPROM. All else is the ESC's own and is never touched here.
+//! Forced are the AL status of devices with a CPU, contents and instants of mailboxes, inputs, and
+//! the owner of the EEPROM. Everything else belongs to the ESC and is never changed here.
 
 use std::collections::BTreeSet;
 
@@ -19,7 +19,7 @@ use super::sight::{Sights, sights, stations};
 
 /// The CPUs of all SubDevices.
 pub(crate) struct Cpus {
-    /// RAM that ECAT has written, by position: it is not theirs.
+    /// RAM that ECAT has written, by position: the CPUs do not write it.
     written: Vec<BTreeSet<u16>>,
 }
 
@@ -29,7 +29,7 @@ impl Cpus {
         Self { written: vec![BTreeSet::new(); devices] }
     }
 
-    /// Before the first of these exchanges; the others are what comes later.
+    /// Acts before the first of these exchanges; the others follow later.
     pub fn act(&mut self, chain: &mut Chain, ahead: &[Exchange]) {
         let Some(exchange) = ahead.first() else { return };
         let all = sights(exchange, chain);
@@ -53,8 +53,8 @@ impl Cpus {
         self.note_writes(chain, &list);
     }
 
-    /// RAM that no SyncManager guards and that ECAT has not written: inputs without buffers, or
-    /// what was there before.
+    /// Writes RAM that no SyncManager guards and that ECAT has not written: inputs without buffers,
+    /// or older contents.
     fn free_ram(&self, chain: &mut Chain, position: usize, sights: &Sights) {
         let guarded = areas(chain, position);
         let mut writes = Vec::new();
@@ -87,7 +87,7 @@ impl Cpus {
     }
 }
 
-/// A cable that was plugged or pulled: DL status bits 7:4.
+/// Plugs or unplugs a cable: DL status bits 7:4.
 fn cables(chain: &mut Chain, position: usize, sights: &Sights) {
     for port in PortNumber::ALL {
         let bit = 1 << (4 + port.index());
@@ -99,7 +99,7 @@ fn cables(chain: &mut Chain, position: usize, sights: &Sights) {
     }
 }
 
-/// A CPU has read AL control when the next request is taken.
+/// Reads AL control if the next request is accepted, since the CPU must have read the last one.
 fn al_control(chain: &mut Chain, position: usize, list: &[Pair<'_>]) {
     let waits = chain.escs[position].al_events(isocat_wire::Time::ZERO)
         & register::al_event::AL_CONTROL
@@ -114,7 +114,8 @@ fn al_control(chain: &mut Chain, position: usize, list: &[Pair<'_>]) {
         requests
             && match stations.whom(pair) {
                 Whom::One(one) => one == position,
-                // Who refuses is not known one by one: as many as counted have read.
+                // It is not known which devices refuse, only how many have read: the number that
+                // counted.
                 Whom::All => usize::from(pair.count()) > chain.escs.len() - waiting,
                 Whom::Unknown => false,
             }
@@ -146,8 +147,8 @@ fn set_al_status(chain: &mut Chain, position: usize, status: [u8; 2]) {
     pdi.write(register::AL_STATUS.address, &status);
 }
 
-/// A broadcast read of AL status shows the states of all OR-ed: those have followed AL control that
-/// explain it.
+/// A broadcast read of AL status shows the states of all OR-ed. Changes the devices whose AL
+/// control explains that value.
 fn al_by_broadcast(chain: &mut Chain, list: &[Pair<'_>], ahead: &[Exchange]) {
     if chain.escs.len() < 2 {
         return;
@@ -163,7 +164,8 @@ fn al_by_broadcast(chain: &mut Chain, list: &[Pair<'_>], ahead: &[Exchange]) {
         }
         let movable: Vec<usize> =
             (0..chain.escs.len()).filter(|position| has_cpu(&chain.escs[*position])).collect();
-        // First each goes where it is seen next, then where it was asked to go.
+        // Each device first goes to the state in which it is seen next, then to the one it was
+        // asked for.
         for position in &movable {
             let next = next_status(chain, *position, ahead).map(|next| next[0]);
             let asked = chain.escs[*position].register(register::AL_CONTROL).0 as u8 & 0x0F;
@@ -173,7 +175,7 @@ fn al_by_broadcast(chain: &mut Chain, list: &[Pair<'_>], ahead: &[Exchange]) {
                 }
             }
         }
-        // State bits that no device shows any more are out of date.
+        // State bits that no device shows any more are obsolete.
         for position in movable {
             if chain.escs[position].al_status().0 as u8 & !found != 0 {
                 set_al_status(chain, position, [found, 0]);
@@ -182,7 +184,7 @@ fn al_by_broadcast(chain: &mut Chain, list: &[Pair<'_>], ahead: &[Exchange]) {
     }
 }
 
-/// The IRQ field shows that an AL status has changed, before it is read.
+/// Changes an AL status before it is read, if the IRQ field shows the change.
 fn al_by_event(chain: &mut Chain, list: &[Pair<'_>], ahead: &[Exchange]) {
     let shown = list.iter().any(|pair| pair.back.header.irq & AL_STATUS_EVENT != 0);
     let masked = |chain: &Chain| {
@@ -207,7 +209,7 @@ fn al_by_event(chain: &mut Chain, list: &[Pair<'_>], ahead: &[Exchange]) {
     }
 }
 
-/// AL status as it is next read of this SubDevice alone, if nothing is asked of it before.
+/// The next read of AL status from this SubDevice alone, if no request comes before it.
 fn next_status(chain: &Chain, position: usize, ahead: &[Exchange]) -> Option<[u8; 2]> {
     let stations = stations(chain);
     for exchange in ahead.iter().take(FAR_AHEAD) {
@@ -229,7 +231,7 @@ fn next_status(chain: &Chain, position: usize, ahead: &[Exchange]) -> Option<[u8
     None
 }
 
-/// Who holds the EEPROM, and the memory itself where the CPU emulates it.
+/// Sets the owner of the EEPROM, and the memory itself if the CPU emulates it.
 fn eeprom(chain: &mut Chain, position: usize, sights: &Sights) {
     if let Some(holds) = sights.bit(0x0501, 1) {
         let esc = &chain.escs[position];
@@ -292,7 +294,7 @@ impl Manager {
         chain.escs[self.position].register(register::sync_manager(self.number))
     }
 
-    /// The byte that belongs to the CPU.
+    /// Writes the byte that belongs to the CPU.
     fn pdi_control(self, chain: &mut Chain, sights: &Sights) {
         let address = register::sm_pdi_control(self.number).address;
         if let Some(value) = sights.whole(address)
@@ -315,7 +317,8 @@ impl Manager {
         }
     }
 
-    /// The CPU has read the mailbox if it is empty, or full again; it reads if the first byte was.
+    /// Reads the mailbox if the capture shows it empty, or full again; reads its first byte if that
+    /// was read.
     fn take_mail(
         self,
         chain: &mut Chain,
@@ -339,8 +342,8 @@ impl Manager {
         }
     }
 
-    /// The CPU has written the mailbox if it is full, or read; it writes if the last one is no
-    /// longer noted as read.
+    /// Writes the mailbox if the capture shows it full, or read; writes its first byte if the
+    /// status shows that writing began.
     fn give_mail(
         self,
         chain: &mut Chain,
@@ -370,7 +373,7 @@ impl Manager {
         }
     }
 
-    /// The content of the mailbox: all that is seen of it until its last byte is read.
+    /// The content of the mailbox: all that answers show of it until its last byte is read.
     fn mail(self, chain: &Chain, config: &SyncManager, ahead: &[Exchange]) -> Vec<u8> {
         let mut mail = vec![0; usize::from(config.length)];
         let last = config.start + (config.length - 1);
@@ -387,7 +390,7 @@ impl Manager {
         mail
     }
 
-    /// Whether ECAT accesses the area of this SyncManager from its first byte on, and it counts.
+    /// Whether ECAT accesses the area of this SyncManager from its first byte on, with success.
     fn accessed(
         self,
         chain: &Chain,
@@ -415,7 +418,7 @@ impl Manager {
         }
     }
 
-    /// Inputs are what is seen of them; what is not seen stays.
+    /// Writes the bytes of the inputs that answers show; other bytes stay.
     fn give_inputs(self, chain: &mut Chain, config: &SyncManager, sights: &Sights) {
         let end = u32::from(config.start) + u32::from(config.length);
         let seen: Vec<_> = sights.range(u32::from(config.start)..end).collect();
@@ -436,5 +439,5 @@ impl Manager {
 
 /// Bit 3 of the ECAT event request.
 const AL_STATUS_EVENT: u16 = 1 << 3;
-/// How many frames are looked through for what a CPU was about to show.
+/// Number of frames that are searched for the next action of a CPU.
 const FAR_AHEAD: usize = 4096;

@@ -1,5 +1,5 @@
-//! What a capture shows of each SubDevice, before anything is modelled: identity, EEPROM, which
-//! units answer.
+//! What a capture shows of each SubDevice, before anything is modelled: identity, EEPROM, and the
+//! units that answer.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,29 +14,29 @@ use super::parts::{Pair, Stations, Whom, is_register, pairs, reads, writes};
 pub(crate) struct Evidence {
     /// By position.
     pub devices: Vec<Device>,
-    /// How many answered to broadcasts that tell units apart.
+    /// Number of answers to the broadcasts that distinguish units.
     pub broadcasts: BTreeMap<Access, Broadcast>,
-    /// No SubDevice has a change of its DL status to announce when the capture begins.
+    /// No SubDevice has a change of its DL status to announce at the begin of the capture.
     pub no_dl_event: bool,
 }
 
-/// An access to memory that counts or does not.
+/// An access to memory, which increments the working counter or not.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub(crate) struct Access {
-    /// It writes; else it reads.
+    /// Whether it writes; otherwise it reads.
     pub writes: bool,
     /// The first address.
     pub address: u16,
-    /// Bytes.
+    /// Number of bytes.
     pub len: u16,
 }
 
-/// What came back of a broadcast.
+/// The answer to a broadcast.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Broadcast {
-    /// SubDevices that counted.
+    /// Number of SubDevices that incremented the working counter.
     pub count: u16,
-    /// The bytes of all of them, OR-ed; of a read.
+    /// For a read: the bytes of all of them, OR-ed.
     pub data: Vec<u8>,
 }
 
@@ -45,30 +45,30 @@ pub(crate) struct Broadcast {
 pub(crate) struct Device {
     /// Station address from before the capture.
     pub station: Option<u16>,
-    /// Registers as they were first read, before anything was written to them.
+    /// Registers at their first read, before anything was written to them.
     pub first: BTreeMap<u16, u8>,
-    /// Which accesses count.
+    /// Whether accesses increment the working counter.
     pub accesses: BTreeMap<Access, bool>,
-    /// EEPROM words as they were first read, before anything was written to them.
+    /// EEPROM words at their first read, before anything was written to them.
     pub words: BTreeMap<u32, u16>,
     /// All bits that register 0x0502 ever showed.
     pub eeprom_bits: u16,
-    /// Status 0x0502 was read.
+    /// Whether status 0x0502 was read.
     pub eeprom_seen: bool,
-    /// From an EEPROM write to the last command that it did not acknowledge and to the first that
-    /// it did, ns.
+    /// Time from an EEPROM write to the last command that was not acknowledged, and to the first
+    /// one that was, ns.
     pub burn: (Option<u64>, Option<u64>),
-    /// SyncManagers are set up as a mailbox.
+    /// Whether SyncManagers are set up as a mailbox.
     pub mailbox: bool,
-    /// AL status was AL control with its bit 4, as device emulation copies it.
+    /// Whether AL status equalled AL control with its bit 4, as device emulation copies it.
     pub al_copied: bool,
-    /// AL status was once not what AL control asks for.
+    /// Whether AL status ever differed from what AL control asks for.
     pub al_differs: bool,
 }
 
 impl Evidence {
-    /// Looks through all exchanges; `positions` is the number of SubDevices, `stations` their
-    /// addresses from before.
+    /// Collects the evidence of all exchanges; `positions` is the number of SubDevices, `stations`
+    /// their addresses from before.
     pub fn of(list: &[Exchange], stations: Vec<Option<u16>>) -> Self {
         let mut evidence = Self::default();
         for station in &stations {
@@ -100,7 +100,8 @@ impl Evidence {
         evidence
     }
 
-    /// A read of one that is written to all others counts at each that has the register.
+    /// A command that reads one SubDevice and writes all others counts at each that has the
+    /// register.
     fn distributed(&mut self, pair: &Pair<'_>) {
         if !matches!(pair.command, Command::Armw | Command::Frmw) {
             return;
@@ -118,8 +119,8 @@ impl Evidence {
     }
 }
 
-/// Whether the IRQ field is without the DL event although it would show: the mask was written with
-/// its bit, and nothing has read DL status yet.
+/// Whether the IRQ field lacks the DL event although it would show: the mask was written with its
+/// bit, and DL status has not been read yet.
 fn no_dl_event(list: &[Exchange]) -> bool {
     let mut shows = false;
     for pair in list.iter().flat_map(pairs) {
@@ -138,7 +139,7 @@ fn no_dl_event(list: &[Exchange]) -> bool {
     false
 }
 
-/// The SubDevices that answer, by how far positions are counted; without such commands, by
+/// Number of SubDevices that answer, from the increments of positions; without such commands, from
 /// stations.
 pub(crate) fn devices(list: &[Exchange]) -> usize {
     let mut seen: BTreeMap<usize, usize> = BTreeMap::new();
@@ -147,7 +148,7 @@ pub(crate) fn devices(list: &[Exchange]) -> usize {
             *seen.entry(passed).or_default() += 1;
         }
     }
-    // A single number that stands alone among many frames may be a damaged frame.
+    // A number that occurs only once among many frames may be a damaged frame.
     let often = seen.iter().rev().find(|(_, times)| **times > 1);
     let most = often.or_else(|| seen.iter().next_back()).map_or(0, |(passed, _)| *passed);
     match seen.is_empty() {
@@ -156,13 +157,13 @@ pub(crate) fn devices(list: &[Exchange]) -> usize {
     }
 }
 
-/// Station addresses, by position, that were given before the capture began.
+/// Station addresses from before the capture, by position.
 pub(crate) fn stations_before(list: &[Exchange], devices: usize) -> Vec<Option<u16>> {
     let before: Vec<u16> = answering_stations(list).into_iter().collect();
     let mut addresses = vec![None; devices];
     let Some(lowest) = before.first().copied() else { return addresses };
     // MainDevices count stations up from an address of their own. If one is missing here, its place
-    // is known by the others only if the first address is a usual one.
+    // follows from the others only if the first address is a usual one.
     let base = USUAL_FIRST.into_iter().rev().find(|base| *base <= lowest).unwrap_or(lowest);
     let last = before.last().copied().unwrap_or(lowest);
     let base = if usize::from(last - base) < devices { base } else { lowest };
@@ -174,7 +175,7 @@ pub(crate) fn stations_before(list: &[Exchange], devices: usize) -> Vec<Option<u
     addresses
 }
 
-/// Stations that counted before a write gave them their address.
+/// Stations that answered before a write assigned their address.
 fn answering_stations(list: &[Exchange]) -> BTreeSet<u16> {
     let mut given = BTreeSet::new();
     let mut found = BTreeSet::new();
@@ -198,23 +199,23 @@ fn answering_stations(list: &[Exchange]) -> BTreeSet<u16> {
     found
 }
 
-/// What is under way at one SubDevice.
+/// Operations in progress at one SubDevice.
 #[derive(Clone, Default)]
 struct Tracker {
     written: BTreeSet<u16>,
     eeprom_written: BTreeSet<u32>,
-    /// EEPROM command, its word address and when it was given.
+    /// EEPROM command, its word address and its time.
     command: u16,
     address: u32,
     given: u64,
-    /// The status since then is known to be not busy (`false`: busy); `None`: not read.
+    /// Whether the status since then is known to be not busy (`false`: busy); `None`: not read.
     done: Option<bool>,
     burning: Option<u64>,
     requested: Option<u8>,
 }
 
 impl Tracker {
-    /// `alone`: what came back is this SubDevice's own.
+    /// Takes a datagram. `alone` means that the answer is only this SubDevice's.
     fn take(&mut self, device: &mut Device, pair: &Pair<'_>, at: u64, alone: bool) {
         if alone && let Some(access) = tells_units(pair) {
             device.accesses.entry(access).or_insert(pair.count() > 0);
@@ -250,7 +251,8 @@ impl Tracker {
         self.eeprom_data(device, pair);
     }
 
-    /// AL status of all, OR-ed: without the bits that were asked of this one, it is not there.
+    /// AL status of all, OR-ed: if it lacks a bit that was asked of this SubDevice, the device is
+    /// not in that state.
     fn state_of_all(&mut self, device: &mut Device, pair: &Pair<'_>) {
         if let (Some(status), Some(requested)) = (pair.back_at(0x0130), self.requested) {
             device.al_differs |= requested & 0x1F & !status != 0;
@@ -325,7 +327,7 @@ impl Tracker {
     }
 }
 
-/// Whether it depends on the units of an ESC alone who answers, and not on what it does: type,
+/// The access, if its answer depends only on the units of an ESC and not on its activity: type,
 /// FMMUs, SyncManagers, clocks.
 fn tells_units(pair: &Pair<'_>) -> Option<Access> {
     use Command::*;

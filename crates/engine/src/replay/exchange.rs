@@ -1,25 +1,25 @@
-//! The exchanges of a whole capture, with what was left out.
+//! The exchanges of a whole capture, and what was left out.
 
 use isocat_captures::pairing::{Pairing, Tally};
 use isocat_captures::reading::Frame;
 
-/// A frame that went out, and what came back of it.
+/// A frame that was sent, and its answer.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Exchange {
     /// Number of the request in the file.
     pub request_number: usize,
-    /// Number of the answer, and the answer; `None`: it is not in the file.
+    /// Number of the answer, and the answer; `None` if it is not in the file.
     pub answer: Option<(usize, Vec<u8>)>,
-    /// When the request was seen, ns from the first frame of the file.
+    /// Time of the request, ns from the first frame of the file.
     pub at: u64,
     /// The request.
     pub request: Vec<u8>,
 }
 
-/// All that a capture holds.
+/// The content of a capture.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Exchanges {
-    /// In the order of the requests; answers without a request are counted only.
+    /// The exchanges in the order of the requests; answers without a request are only counted.
     pub list: Vec<Exchange>,
     /// What was left out.
     pub tally: Tally,

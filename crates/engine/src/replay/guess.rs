@@ -1,7 +1,7 @@
-//! Which chip each SubDevice has: the one that contradicts least of what the capture shows.
+//! Finds the chip of each SubDevice: the one that contradicts the capture least.
 //!
-//! Candidates answer the accesses of the capture themselves, as models: no table says which unit
-//! answers where.
+//! Candidates answer the accesses of the capture themselves, as models, so no table of units and
+//! addresses is needed.
 
 use std::collections::HashMap;
 
@@ -17,20 +17,20 @@ use isocat_wire::{Command, Nanos, PortNumber, Time, sii};
 use super::evidence::{Access, Device, Evidence};
 use super::parts::list;
 
-/// What a SubDevice is built of, as far as the capture tells.
+/// The hardware of a SubDevice, as far as the capture shows it.
 #[derive(Clone, Debug)]
 pub(crate) struct Build {
     /// Its ESC.
     pub chip: Chip,
-    /// Words 0 to 6 of its EEPROM: what the ESC loads.
+    /// Words 0 to 6 of its EEPROM, which the ESC loads.
     pub configuration: [u8; 14],
-    /// The configuration is loaded; else its checksum is wrong.
+    /// Whether the configuration is loaded; otherwise its checksum is wrong.
     pub loads: bool,
-    /// Nothing that the capture shows tells the chip; it is the usual one.
+    /// Whether the capture does not determine the chip, so that the usual one is assumed.
     pub guessed: bool,
 }
 
-/// What a segment file says of a SubDevice.
+/// What a segment file states of a SubDevice.
 #[derive(Clone, Debug)]
 pub struct Told {
     /// Its name in the file.
@@ -41,7 +41,7 @@ pub struct Told {
     pub sii: Vec<u8>,
 }
 
-/// Builds each SubDevice by what the capture shows, and where `told` says more, by that.
+/// Builds each SubDevice from the capture, completed by `told`.
 pub(crate) fn builds(evidence: &Evidence, told: Option<&[Told]>) -> Vec<Build> {
     let mut answers = Answers::default();
     let options: Vec<Vec<Candidate>> = evidence
@@ -70,7 +70,7 @@ pub(crate) fn builds(evidence: &Evidence, told: Option<&[Told]>) -> Vec<Build> {
         .collect()
 }
 
-/// One chip with one choice of units, and how much of its own evidence it contradicts.
+/// One chip with one choice of units, and its contradictions to the device's own evidence.
 #[derive(Clone, Copy)]
 struct Candidate {
     chip: Chip,
@@ -113,7 +113,7 @@ fn options(
     options
 }
 
-/// How much of the identity that was read differs from this chip's.
+/// Amount by which the identity that was read differs from this chip's.
 fn contradictions(device: &Device, chip: &Chip) -> u32 {
     let mut identity = [0; 10];
     identity[0] = chip.kind;
@@ -145,15 +145,15 @@ fn contradictions(device: &Device, chip: &Chip) -> u32 {
     cost
 }
 
-/// Chooses for each SubDevice so that broadcasts are answered by as many as in the capture: from
-/// the option that fits each best, changed one by one while that helps.
+/// Chooses for each SubDevice so that the number of answers to broadcasts agrees with the capture.
+/// Starts with the option that fits each best, and changes one at a time while that helps.
 fn choose(evidence: &Evidence, options: &[Vec<Candidate>], answers: &mut Answers) -> Vec<usize> {
     let best = |options: &Vec<Candidate>| (0..options.len()).min_by_key(|at| options[*at].cost);
     let mut chosen: Vec<usize> = options.iter().map(|o| best(o).unwrap_or(0)).collect();
     let mut cost = total(evidence, options, &chosen, answers);
     for _ in 0..MOST_ROUNDS {
         let before = cost;
-        // From the end: what speaks for the first ones is mostly read of them alone.
+        // From the end, since most evidence of the first ones was read from them alone.
         for position in (0..options.len()).rev() {
             for option in 0..options[position].len() {
                 let kept = chosen[position];
@@ -201,7 +201,7 @@ fn total(
     cost
 }
 
-/// What candidates answer.
+/// The answers of candidates.
 #[derive(Default)]
 struct Answers(HashMap<(&'static str, u8, Access), Answer>);
 
@@ -217,7 +217,7 @@ impl Answers {
     }
 }
 
-/// What a new ESC counts for a broadcast with zeros.
+/// The working counter of a new ESC for a broadcast with zeros.
 fn ask(chip: &Chip, esc_configuration: u8, access: Access) -> Answer {
     let mut configuration = [0; 14];
     configuration[1] = esc_configuration;
@@ -244,7 +244,7 @@ pub(crate) fn image(configuration: &[u8; 14], loads: bool, len: usize) -> Vec<u8
     image
 }
 
-/// The chip with what was read of its identity.
+/// The chip with the parts of its identity that were read.
 fn chip(device: &Device, candidate: &Chip) -> Chip {
     let byte = |address: u16, own: u8| device.first.get(&address).copied().unwrap_or(own);
     let word = |address: u16, own: u16| {
@@ -252,8 +252,8 @@ fn chip(device: &Device, candidate: &Chip) -> Chip {
         u16::from_le_bytes([byte(address, low), byte(address + 1, high)])
     };
     let control = candidate.dl_control.to_le_bytes();
-    // The loops and the alias bit are settings of an earlier session, if they are not as after
-    // power-on.
+    // The loops and the alias bit are settings of an earlier session if they differ from those
+    // after power-on.
     let control = [control[0], control[1], byte(0x0102, control[2]), control[3]];
     Chip {
         kind: byte(0x0000, candidate.kind),
@@ -274,8 +274,8 @@ fn chip(device: &Device, candidate: &Chip) -> Chip {
     }
 }
 
-/// Between the last command that was not acknowledged and the first that was; without either, no
-/// time.
+/// The middle between the last command that was not acknowledged and the first that was; 1 us after
+/// the former if the latter is missing, and 0 without the former.
 fn burn_time(device: &Device) -> Nanos {
     let nanos = match device.burn {
         (Some(refused), Some(taken)) if taken > refused => refused + (taken - refused) / 2,
@@ -285,8 +285,8 @@ fn burn_time(device: &Device) -> Nanos {
     Nanos(i64::try_from(nanos).unwrap_or(i64::MAX))
 }
 
-/// Words 0 to 6: from the EEPROM where it was read, from registers, from the segment file, by what
-/// the SubDevice does.
+/// Words 0 to 6: from the EEPROM if it was read, from registers, from the segment file, or from the
+/// SubDevice's behaviour.
 fn configuration(device: &Device, esc_configuration: u8, told: Option<&Told>) -> [u8; 14] {
     let mut area = [0; 14];
     if let Some(told) = told.and_then(|told| told.sii.first_chunk::<14>()) {
@@ -331,20 +331,20 @@ fn is_emulated(device: &Device) -> bool {
     device.al_copied || !device.al_differs && !speaks
 }
 
-/// DL status bit 2 as it was first read: enhanced link detection, register 0x0141 bit 1.
+/// Enhanced link detection (register 0x0141 bit 1), from the first read of DL status bit 2.
 fn enhanced_link(device: &Device) -> bool {
     device.first.get(&0x0110).is_some_and(|status| status & 0x04 != 0)
 }
 
-/// DL status bit 1 as it was first read.
+/// The first read of DL status bit 1.
 fn dl_watchdog(device: &Device) -> bool {
     device.first.get(&0x0110).is_some_and(|status| status & 0x02 != 0)
 }
 
-/// What devices are built with, the more frequent first.
+/// The candidates, the more frequent first.
 static CANDIDATES: [&Chip; 7] =
     [&ET1100, &ET1200, &LAN9252, &ET1100_MII, &XMC4800, &IP_CORE_32, &IP_CORE_32_EMULATED];
-/// Bits 3:2 of register 0x0141: SYNC and latch units. With no sign of them there are none.
+/// Bits 3:2 of register 0x0141: SYNC and latch units. Without evidence of them there are none.
 const UNITS: [u8; 4] = [0x00, 0x0C, 0x04, 0x08];
 /// Registers that are loaded from the configuration area, and their bytes there.
 const REGISTERS_OF_AREA: [(u16, usize); 9] = [
@@ -360,14 +360,14 @@ const REGISTERS_OF_AREA: [(u16, usize); 9] = [
 ];
 /// SII word 0x1C.
 const MAILBOX_PROTOCOLS: u32 = sii::word::MAILBOX_PROTOCOLS as u32;
-/// PDI control of a CPU behind the PDI, of whatever kind.
+/// PDI control of a CPU behind the PDI, of any kind.
 const ON_CHIP_BUS: u8 = 0x80;
 /// PDI control of digital I/O.
 const DIGITAL_IO: u8 = 0x04;
-/// What a contradiction costs: by a register or an access of its own, by a broadcast for each
+/// Cost of a contradiction: by a register or an access of its own; by a broadcast, for each
 /// SubDevice too many or too few.
 const STRONG: u32 = 1000;
 const BROADCAST: u32 = 400;
 const WEAK: u32 = 100;
-/// Rounds of changes; each makes the whole better or is the last.
+/// Limit of the rounds of changes; each round improves the whole or is the last.
 const MOST_ROUNDS: usize = 16;

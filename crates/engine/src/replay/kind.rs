@@ -3,30 +3,29 @@
 use isocat_maindevice::kinds;
 
 kinds! {
-    /// What a difference is about.
+    /// The kind of a difference.
     #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
     pub enum Kind {
         /// An earlier session left a register, a state or a mask that this capture has not written
-        /// yet. The model takes it over.
+        /// yet. The model adopts it.
         EarlierSession = "earlier-session",
-        /// The EEPROM still burned what was written, or no longer: how long it takes is a property
-        /// of the part.
+        /// The EEPROM was still writing or already done: the time depends on the part.
         BurnTime = "burn-time",
-        /// Errors on a cable or expired watchdogs were counted that no capture at the MainDevice
-        /// shows. The model takes them over.
+        /// Errors on a cable or expired watchdogs were counted, which no capture at the MainDevice
+        /// shows. The model adopts them.
         ErrorCounter = "error-counter",
         /// Another number of SubDevices than before was reached, or a cable was plugged or pulled.
         SegmentChange = "segment-change",
-        /// A request before this frame has no answer in the capture: whether it reached the
-        /// SubDevices is not known.
+        /// A request before this frame has no answer in the capture, so it is not known whether it
+        /// reached the SubDevices.
         LostFrame = "lost-frame",
-        /// Other SubDevices counted than in the model.
+        /// Other SubDevices than in the model incremented the working counter.
         WorkingCounter = "working-counter",
-        /// The position was counted otherwise.
+        /// The position differs.
         Position = "position",
-        /// The IRQ field.
+        /// The IRQ field differs.
         EventField = "event-field",
-        /// The source address was marked otherwise.
+        /// The mark in the source address differs.
         SourceAddress = "source-address",
         /// Identity and limits of the chip, registers 0x0000 to 0x0009 and 0x0140 to 0x0153.
         Identity = "identity",
@@ -40,7 +39,7 @@ kinds! {
         Fmmu = "fmmu",
         /// A SyncManager's registers.
         SyncManager = "sync-manager",
-        /// A register of the clock that does not run by itself.
+        /// A register of the clock that does not change by itself.
         Clock = "clock",
         /// Process data or other RAM.
         Memory = "memory",
@@ -50,13 +49,13 @@ kinds! {
 }
 
 impl Kind {
-    /// Whether it is a known variance of parts or sessions, and no fault of the model.
+    /// Whether it is a known variance of parts or sessions, and not a fault of the model.
     pub const fn is_explained(self) -> bool {
         use Kind::*;
         matches!(self, EarlierSession | BurnTime | ErrorCounter | SegmentChange | LostFrame)
     }
 
-    /// The kind of what lies at this address.
+    /// The kind that belongs to this address.
     pub(crate) const fn of(address: u16) -> Self {
         match address {
             0x0000..0x0010 | 0x0140..0x0200 => Self::Identity,

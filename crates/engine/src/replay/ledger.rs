@@ -1,4 +1,5 @@
-//! Why silicon and model differ: what the capture has written so far, what it can't show.
+//! Reasons for the differences between silicon and model: what the capture has written so far, and
+//! what it cannot show.
 
 use std::collections::BTreeSet;
 
@@ -16,23 +17,23 @@ use super::parts::{Stations, Whom, pairs, reads, writes};
 /// What ECAT has written in this capture, by position.
 pub(crate) struct Ledger {
     written: Vec<BTreeSet<u16>>,
-    /// When an EEPROM write was last commanded.
+    /// Time of the last EEPROM write command.
     eeprom_write: Vec<Option<u64>>,
-    /// An EEPROM command was given.
+    /// Whether an EEPROM command was given.
     eeprom_used: Vec<bool>,
-    /// SAFEOP or OP was requested.
+    /// Whether SAFEOP or OP was requested.
     went_on: Vec<bool>,
     /// ECAT events that the model was given because silicon showed them.
     raised: u16,
-    /// DL status, AL status of one SubDevice was read.
+    /// Whether DL status and AL status of one SubDevice were read.
     status_read: [bool; 2],
-    /// Frames for which a request without an answer may still be the reason; none after an exact
-    /// frame.
+    /// Number of frames for which a request without an answer may still be the reason; 0 after an
+    /// exact frame.
     lost: usize,
 }
 
 impl Ledger {
-    /// Nothing written yet to any of the `devices` SubDevices.
+    /// An empty ledger of `devices` SubDevices.
     pub fn new(devices: usize) -> Self {
         Self {
             written: vec![BTreeSet::new(); devices],
@@ -45,12 +46,12 @@ impl Ledger {
         }
     }
 
-    /// A request has no answer.
+    /// Notes a request without an answer.
     pub fn lost(&mut self) {
         self.lost = AFTER_LOSS;
     }
 
-    /// Notes what an exchange writes.
+    /// Notes the writes of an exchange.
     pub fn note(&mut self, exchange: &Exchange, stations: &Stations) {
         for pair in pairs(exchange) {
             if pair.count() == 0 {
@@ -83,7 +84,7 @@ impl Ledger {
         }
     }
 
-    /// Why they differ.
+    /// The kind of a difference.
     pub fn kind(&self, raw: &Raw, exchange: &Exchange, chain: &Chain) -> Kind {
         let kind = self.plain_kind(raw, exchange, chain);
         match self.lost > 0 && !kind.is_explained() {
@@ -92,7 +93,7 @@ impl Ledger {
         }
     }
 
-    /// A frame was compared. If it is exact, what was lost has made no difference.
+    /// Notes that a frame was compared. If it is exact, the lost request made no difference.
     pub fn compared(&mut self, exact: bool) {
         self.lost = if exact { 0 } else { self.lost.saturating_sub(1) };
     }
@@ -108,12 +109,12 @@ impl Ledger {
         }
     }
 
-    /// An event that was there before, or one that a cable causes, can't be known from the frames.
+    /// An older event, or one that a cable causes, cannot be known from the frames.
     fn event_kind(&self, raw: &Raw) -> Kind {
         let (silicon, model) = (word(&raw.silicon), word(&raw.model));
         let [dl_read, al_read] = self.status_read;
         match silicon ^ model {
-            // No mask makes other events of the model, and none of these lasts from before.
+            // No mask adds other events to the model, and none of these remains from before.
             changed if changed & !(DL_STATUS_EVENT | AL_STATUS_EVENT) != 0 => Kind::EventField,
             _ if self.nowhere(&[0x0200, 0x0201]) => Kind::EarlierSession,
             DL_STATUS_EVENT if silicon & DL_STATUS_EVENT != 0 => Kind::SegmentChange,
@@ -126,7 +127,7 @@ impl Ledger {
         }
     }
 
-    /// RAM answers by SyncManagers and FMMUs, which an earlier session may have set up.
+    /// RAM is answered by SyncManagers and FMMUs, which an earlier session may have set up.
     fn counter_kind(&self, raw: &Raw, exchange: &Exchange) -> Kind {
         let in_ram = raw.address.is_none_or(|address| address >= register::PROCESS_RAM);
         let set_up = |written: &BTreeSet<u16>| written.range(0x0600..0x0880).next().is_some();
@@ -147,7 +148,7 @@ impl Ledger {
 
     fn data_kind(&self, raw: &Raw, exchange: &Exchange, chain: &Chain) -> Kind {
         let Some(address) = raw.address else { return Kind::Memory };
-        // What is only written, or answered by nobody, comes back as it went.
+        // Data that are only written, or that no SubDevice processes, come back unchanged.
         if !pairs(exchange).get(raw.datagram).is_some_and(|p| reads(p.command) && p.count() > 0) {
             return Kind::of(address);
         }
@@ -180,7 +181,7 @@ impl Ledger {
         explained.unwrap_or(Kind::of(address))
     }
 
-    /// Whether nothing was asked of the SubDevice yet, or of one of them.
+    /// Whether the SubDevice, or one of them all, has not been asked for a state yet.
     fn has_old_state(&self, device: Option<usize>) -> bool {
         match device {
             Some(position) => !self.written[position].contains(&0x0120),
@@ -203,7 +204,7 @@ impl Ledger {
         before.then_some(Kind::EarlierSession)
     }
 
-    /// Whether an EEPROM write was commanded so shortly before that it may still burn.
+    /// Whether an EEPROM write was commanded so recently that it may still be in progress.
     fn may_burn(&self, device: Option<usize>, exchange: &Exchange) -> bool {
         let written = device.and_then(|position| self.eeprom_write[position]);
         written.is_some_and(|at| exchange.at.saturating_sub(at) < BURNS_NS)
@@ -216,7 +217,7 @@ impl Ledger {
         self.written.iter().all(untouched)
     }
 
-    /// The model takes over what it could not know, so that it is told once.
+    /// Adopts what the model could not know, so that it is reported once.
     pub fn adopt(&mut self, raw: &Raw, kind: Kind, chain: &mut Chain) {
         match (kind, raw.part) {
             (Kind::EarlierSession | Kind::SegmentChange, Part::EventField) => {
@@ -239,8 +240,8 @@ impl Ledger {
         }
     }
 
-    /// Events that silicon shows and the model has not are raised; those that it does not show are
-    /// read.
+    /// Raises events that silicon shows and the model does not; reads those that silicon does not
+    /// show.
     fn adopt_events(&mut self, raw: &Raw, chain: &mut Chain) {
         let (silicon, model) = (word(&raw.silicon), word(&raw.model));
         let present = |chain: &Chain, event: u16| {
@@ -295,7 +296,7 @@ impl Ledger {
     }
 }
 
-/// The mask is that of all SubDevices that have the event, as far as anyone can tell.
+/// Sets the mask of all SubDevices, since the frame does not tell which of them raised the event.
 fn adopt_mask(raw: &Raw, chain: &mut Chain) {
     let (silicon, model) = (word(&raw.silicon), word(&raw.model));
     for position in 0..chain.escs.len() {
@@ -307,7 +308,7 @@ fn adopt_mask(raw: &Raw, chain: &mut Chain) {
     }
 }
 
-/// A link that went and came again.
+/// Takes a link down and up again.
 fn flap(chain: &mut Chain, position: usize) {
     let esc = &mut chain.escs[position];
     let status = esc.dl_status();
@@ -317,13 +318,13 @@ fn flap(chain: &mut Chain, position: usize) {
     }
 }
 
-/// AL status that has changed, and is what it was.
+/// Changes AL status and restores it.
 fn change_state(chain: &mut Chain, position: usize) {
     let other = if chain.escs[position].al_status().0 as u8 == 0x02 { 0x01 } else { 0x02 };
     visit(chain, position, other);
 }
 
-/// Another AL status for a moment.
+/// Sets another AL status for a moment.
 fn visit(chain: &mut Chain, position: usize, state: u8) {
     let present = chain.escs[position].al_status().0.to_le_bytes();
     for status in [[state, 0], present] {
@@ -360,7 +361,7 @@ fn adopt_counters(raw: &Raw, chain: &mut Chain) {
 /// Bits 2 and 3 of the ECAT event request.
 const DL_STATUS_EVENT: u16 = 1 << 2;
 const AL_STATUS_EVENT: u16 = 1 << 3;
-/// How many frames behind a lost one its effects are ascribed to it.
+/// Number of frames after a lost one to which its effects are attributed.
 const AFTER_LOSS: usize = 64;
-/// No part burns longer.
+/// Longest time of an EEPROM write of any part.
 const BURNS_NS: u64 = 20_000_000;

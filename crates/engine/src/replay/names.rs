@@ -1,6 +1,6 @@
-//! What registers and areas are called in a comparison.
+//! Names of registers and areas in a comparison.
 
-/// The name of what lies at this address of an ESC's memory: a register, a unit of them, or RAM.
+/// The name of this address of an ESC's memory: a register, a unit, or RAM.
 pub(crate) fn name(address: u16) -> String {
     let numbered = |what: &str, first: u16, size: u16, fields: &[&str]| {
         let (number, field) = ((address - first) / size, (address - first) % size);

@@ -1,4 +1,4 @@
-//! Frames as lists of datagrams, and whom a datagram addresses.
+//! Frames as lists of datagrams, and the SubDevices that a datagram addresses.
 
 use std::ops::Range;
 
@@ -9,23 +9,23 @@ use isocat_wire::register::{self, STATION_ADDRESS};
 
 use super::exchange::Exchange;
 
-/// One datagram of a request, and the same one in the answer of the silicon.
+/// One datagram of a request, and the same datagram in the answer of the silicon.
 pub(crate) struct Pair<'a> {
     /// Its command.
     pub command: Command,
-    /// As it was sent.
+    /// The datagram as sent.
     pub sent: Datagram<'a>,
-    /// As it came back.
+    /// The datagram as it came back.
     pub back: Datagram<'a>,
 }
 
-/// The datagrams of a frame; none if it is none of EtherCAT.
+/// The datagrams of a frame; empty if it is not an EtherCAT frame.
 pub(crate) fn list(frame: &[u8]) -> Vec<Datagram<'_>> {
     let payload = payload(frame).unwrap_or(&[]);
     datagrams(payload).map_while(Result::ok).collect()
 }
 
-/// The datagrams of an exchange, those of unknown commands left out; none without an answer.
+/// The datagrams of an exchange without those of unknown commands; empty without an answer.
 pub(crate) fn pairs(exchange: &Exchange) -> Vec<Pair<'_>> {
     let Some((_, answer)) = &exchange.answer else { return Vec::new() };
     let both = list(&exchange.request).into_iter().zip(list(answer));
@@ -37,18 +37,18 @@ pub(crate) fn pairs(exchange: &Exchange) -> Vec<Pair<'_>> {
 }
 
 impl Pair<'_> {
-    /// How much the SubDevices counted.
+    /// The increment of the working counter.
     pub fn count(&self) -> u16 {
         self.back.wkc.wrapping_sub(self.sent.wkc)
     }
 
-    /// SubDevices that counted the position up; `None` if the command has no position.
+    /// Number of SubDevices that incremented the position; `None` if the command has no position.
     pub fn passed(&self) -> Option<usize> {
         let passed = self.back.header.adp().wrapping_sub(self.sent.header.adp());
         self.command.increments_position().then_some(usize::from(passed))
     }
 
-    /// The addresses of memory that it names; of a logical one nothing is known here.
+    /// The memory addresses of the datagram; empty for a logical address.
     pub fn addresses(&self) -> Range<u32> {
         let first = u32::from(self.sent.header.ado());
         match self.command.is_logical() {
@@ -57,7 +57,7 @@ impl Pair<'_> {
         }
     }
 
-    /// Whether it names this register's first byte.
+    /// Whether its addresses include this register's first byte.
     pub fn names(&self, address: u16) -> bool {
         self.addresses().contains(&u32::from(address))
     }
@@ -96,30 +96,30 @@ pub(crate) fn writes(command: Command) -> bool {
     matches!(command, Apwr | Aprw | Fpwr | Fprw | Bwr | Brw | Lwr | Lrw)
 }
 
-/// Whom a datagram addresses.
+/// The target of a datagram.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Whom {
     /// The SubDevice at this position.
     One(usize),
-    /// Each of them.
+    /// All SubDevices.
     All,
-    /// None that is known, or by a logical address.
+    /// An unknown SubDevice, or a logical address.
     Unknown,
 }
 
-/// Which station address each SubDevice has, as the writes to 0x0010 tell.
+/// The station address of each SubDevice, from the writes to 0x0010.
 #[derive(Clone, Debug)]
 pub(crate) struct Stations {
     addresses: Vec<Option<u16>>,
 }
 
 impl Stations {
-    /// `addresses`: those from before the capture, as far as they are known.
+    /// The stations before the capture: `addresses`, as far as known.
     pub fn new(addresses: Vec<Option<u16>>) -> Self {
         Self { addresses }
     }
 
-    /// Whom the datagram addresses.
+    /// The target of the datagram.
     pub fn whom(&self, pair: &Pair<'_>) -> Whom {
         use Command::*;
         let adp = pair.sent.header.adp();
@@ -137,7 +137,7 @@ impl Stations {
         }
     }
 
-    /// Takes the station address that a datagram writes.
+    /// Notes the station address that a datagram writes.
     pub fn note(&mut self, pair: &Pair<'_>) {
         let first = STATION_ADDRESS.address;
         let (Some(low), Some(high)) = (pair.sent_at(first), pair.sent_at(first + 1)) else {
@@ -155,7 +155,7 @@ impl Stations {
     }
 }
 
-/// Whether the address is one of a register, not of process RAM.
+/// Whether the address is that of a register, not of process RAM.
 pub(crate) fn is_register(address: u32) -> bool {
     address < u32::from(register::PROCESS_RAM)
 }

@@ -1,4 +1,4 @@
-//! What a replay found, for programs and for people.
+//! The result of a replay, for programs and for people.
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
@@ -17,7 +17,7 @@ use super::names::name;
 use super::parts::pairs;
 use crate::report::{BAD, GOOD, QUIET};
 
-/// Version of the document; changes whenever a reader could be misled by an older schema.
+/// Version of the document; it changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-replay/1";
 
 /// JSON schema of the document, draft 2020-12.
@@ -35,7 +35,7 @@ pub struct ReplayReport {
     pub version: &'static str,
     /// The capture.
     pub capture: String,
-    /// Whether each frame that was compared is exact or explained.
+    /// Whether each compared frame is exact or explained.
     pub agrees: bool,
     /// One sentence for people.
     pub verdict: String,
@@ -43,15 +43,15 @@ pub struct ReplayReport {
     pub devices: Vec<DeviceReport>,
     /// Packets in the file.
     pub packets: usize,
-    /// Answers that were compared.
+    /// Number of compared answers.
     pub frames: usize,
     /// Of these, answers that the model gives bit for bit.
     pub exact: usize,
-    /// Of these, answers that differ by known variances only.
+    /// Of these, answers that differ only by known variances.
     pub explained: usize,
     /// Of these, answers with at least one difference that is not explained.
     pub different: usize,
-    /// Data bytes that were compared.
+    /// Number of compared data bytes.
     pub bytes: usize,
     /// Requests without an answer.
     pub unanswered: usize,
@@ -59,15 +59,15 @@ pub struct ReplayReport {
     pub answers_alone: usize,
     /// Frames that are in the file twice.
     pub duplicates: usize,
-    /// Packets of other protocols or other interfaces, cut off or broken.
+    /// Packets of other protocols or interfaces, and truncated or broken ones.
     pub left_out: usize,
     /// Why the file was not read to its end; null if it was.
     pub ended: Option<String>,
-    /// How often each kind of difference was found.
+    /// Occurrences of each kind of difference.
     pub kinds: Vec<KindReport>,
-    /// The differences in their order, up to 10 000.
+    /// The differences in their order, at most 10 000.
     pub differences: Vec<Difference>,
-    /// Differences beyond these.
+    /// Number of differences beyond these.
     pub differences_left_off: usize,
 }
 
@@ -81,8 +81,8 @@ pub struct DeviceReport {
     pub name: Option<String>,
     /// The chip.
     pub chip: &'static str,
-    /// Nothing in capture or segment file says which chip it is: it is the one that contradicts the
-    /// capture least.
+    /// Whether neither capture nor segment file determines the chip: then it is the one that
+    /// contradicts the capture least.
     pub guessed: bool,
     /// SII word 0: PDI control in the low byte, ESC configuration in the high byte.
     pub pdi: u16,
@@ -90,9 +90,9 @@ pub struct DeviceReport {
     pub product_code: Option<u32>,
     /// Bytes of the EEPROM that the capture shows.
     pub eeprom_bytes: usize,
-    /// How long its EEPROM burns, ns, as far as the capture shows.
+    /// Write time of its EEPROM, ns, as far as the capture shows it.
     pub eeprom_burn_time_ns: i64,
-    /// Station address from before the capture; null: none was used.
+    /// Station address from before the capture; null if none was used.
     pub station_before: Option<u16>,
 }
 
@@ -102,11 +102,11 @@ pub struct DeviceReport {
 pub struct KindReport {
     /// Its name.
     pub kind: &'static str,
-    /// A known variance of parts or sessions.
+    /// Whether it is a known variance of parts or sessions.
     pub explained: bool,
-    /// Frames in which it was found.
+    /// Number of frames with this kind.
     pub frames: usize,
-    /// How often it was found.
+    /// Number of occurrences.
     pub differences: usize,
 }
 
@@ -120,21 +120,21 @@ pub struct Difference {
     pub request: usize,
     /// Datagram in the frame, from 0.
     pub datagram: usize,
-    /// Command and address, as `FPRD 0x1001:0x0130`.
+    /// Command and address, such as `FPRD 0x1001:0x0130`.
     pub command: String,
-    /// Position of the SubDevice; null if several may be meant.
+    /// Position of the SubDevice; null if it may be one of several.
     pub device: Option<usize>,
-    /// What differs: a register by its name, or a part of the frame.
+    /// The part that differs: a register by its name, or a part of the frame.
     pub place: String,
     /// Its address; null for parts of the frame.
     pub address: Option<u16>,
-    /// What silicon answered: bytes in hex as they lie in the frame, a number for counters.
+    /// Answer of the silicon: bytes in hex in the order of the frame, or a number for counters.
     pub expected: String,
-    /// What the model answered.
+    /// Answer of the model.
     pub found: String,
     /// The kind.
     pub kind: &'static str,
-    /// A known variance of parts or sessions.
+    /// Whether it is a known variance of parts or sessions.
     pub explained: bool,
 }
 
@@ -249,7 +249,7 @@ impl ReplayReport {
         };
     }
 
-    /// The report as text with ANSI styles; `all`: each difference, else the first ones.
+    /// The report as text with ANSI styles; with `all` each difference, otherwise the first ones.
     pub fn text(&self, all: bool) -> String {
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -306,7 +306,7 @@ impl ReplayReport {
         }
         writeln!(out, "\n frame  what                                      silicon -> model")?;
         let most = if all { usize::MAX } else { SHOWN };
-        // What is not explained comes first where not all is shown.
+        // If not all are shown, differences that are not explained come first.
         let mut shown: Vec<&Difference> = self.differences.iter().collect();
         if !all {
             shown.sort_by_key(|difference| difference.explained);
@@ -374,7 +374,7 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Differences that a report keeps.
+/// Number of differences that a report keeps.
 const MOST_DIFFERENCES: usize = 10_000;
-/// Differences that the text shows unless all are asked for.
+/// Number of differences in the text unless all are asked for.
 const SHOWN: usize = 20;

@@ -1,4 +1,4 @@
-//! What an answer shows of a SubDevice's memory.
+//! The part of a SubDevice's memory that an answer shows.
 
 use std::collections::BTreeMap;
 
@@ -10,17 +10,18 @@ use super::chain::Chain;
 use super::exchange::Exchange;
 use super::parts::{Pair, Stations, Whom, pairs, reads};
 
-/// Bytes of one SubDevice's memory as the answer shows them: value and the bits that are known.
+/// Bytes of one SubDevice's memory as the answer shows them: the value, and a mask of the known
+/// bits.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sights(BTreeMap<u16, (u8, u8)>);
 
 impl Sights {
-    /// A byte of which these bits are known, if any is.
+    /// A byte with the mask of its known bits; `None` if none is known.
     pub fn byte(&self, address: u16) -> Option<(u8, u8)> {
         self.0.get(&address).copied()
     }
 
-    /// A byte of which all bits are known.
+    /// A byte whose bits are all known.
     pub fn whole(&self, address: u16) -> Option<u8> {
         self.byte(address).filter(|(_, known)| *known == 0xFF).map(|(value, _)| value)
     }
@@ -47,7 +48,7 @@ impl Sights {
     }
 }
 
-/// What an exchange shows of each SubDevice, by its FMMUs as the model has them now.
+/// The memory of each SubDevice that an exchange shows, by the model's present FMMUs.
 pub(crate) fn sights(exchange: &Exchange, chain: &Chain) -> Vec<Sights> {
     let stations = stations(chain);
     let mut all = vec![Sights::default(); chain.escs.len()];
@@ -82,7 +83,8 @@ pub(crate) fn stations(chain: &Chain) -> Stations {
 }
 
 fn whole(sights: &mut Sights, pair: &Pair<'_>) {
-    // Of a write that is read back by others (FRMW, ARMW) the addressed one alone is seen.
+    // For FRMW and ARMW, which write one device's data to the others, only the addressed SubDevice
+    // is shown.
     debug_assert!(pair.command != Command::Nop, "it reads nothing");
     let first = u32::from(pair.sent.header.ado());
     for (address, value) in (first..).zip(pair.back.data) {

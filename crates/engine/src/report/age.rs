@@ -1,4 +1,4 @@
-//! How old process data are, in a table for people.
+//! Age of process data, in a table for people.
 
 use std::fmt::{self, Write};
 
@@ -7,20 +7,20 @@ use isocat_descriptions::columns::cut;
 use super::Span;
 use super::text::MOST_DEVICES;
 
-/// The ages of one SubDevice's process data in true time; `None` where it has none, or where nobody
-/// saw them.
+/// The ages of one SubDevice's process data in true time; `None` if it has none, or if they were
+/// not observed.
 pub struct DataAge<'a> {
     /// Place in processing order.
     pub position: usize,
     /// Name.
     pub name: &'a str,
-    /// From the first bit of the frame at the MainDevice to the outputs' first effect.
+    /// Time from the first bit of the frame at the MainDevice to the outputs' first effect.
     pub outputs: Option<Span>,
-    /// From Input Latch to the last bit of the frame at the MainDevice.
+    /// Time from Input Latch to the last bit of the frame at the MainDevice.
     pub inputs: Option<Span>,
 }
 
-/// Writes the table, unless nobody has process data. `mark` says where the figures are from.
+/// Writes the table, unless no SubDevice has known ages. `mark` names the origin of the figures.
 pub fn write(out: &mut String, ages: &[DataAge<'_>], mark: &str) -> fmt::Result {
     let known = |age: &&DataAge| age.outputs.is_some() || age.inputs.is_some();
     if ages.iter().filter(known).count() == 0 {

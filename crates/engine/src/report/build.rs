@@ -1,4 +1,4 @@
-//! From the outcome of a run to the report.
+//! Builds the report from the outcome of a run.
 
 use isocat_maindevice::SubDevice;
 use isocat_maindevice::motion::{Axis, Drive};
@@ -72,7 +72,7 @@ fn verdict<T: Tap>(
     text
 }
 
-/// What a run that found nothing wrong says, by the modes of its SubDevices.
+/// The verdict of a run without findings, by the modes of its SubDevices.
 pub(super) fn verdict_of_modes(modes: &[SyncMode]) -> String {
     let free = modes.iter().filter(|mode| **mode == SyncMode::FreeRun).count();
     let synchronized = modes.len() - free;
@@ -236,7 +236,7 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
     }
 }
 
-/// The constant part of a device's clock, and where it comes from.
+/// The constant deviation of a device's clock, and its origin.
 fn oscillator(scenario: &Scenario, position: usize) -> Oscillator {
     let clock = scenario.devices[position].clock;
     Oscillator {
@@ -295,13 +295,13 @@ fn registers<T: Tap>(outcome: &Outcome<T>, position: usize) -> DeviceRegisters {
     }
 }
 
-/// The error bar of the delay that was measured, rounded up.
+/// The error bar of the measured delay, ns, rounded up.
 pub(super) fn delay_error(device: &SubDevice) -> Option<i64> {
     let bar = device.measured_delay?.bar()?;
     Some((bar.0 + 999).div_euclid(1_000))
 }
 
-/// Why the delay of a clock is none that was measured.
+/// Why the delay of a clock was not measured.
 pub(super) fn delay_unknown(device: &SubDevice) -> Option<String> {
     match device.measured_delay? {
         Delay::Indeterminate { why, between } if device.dc.has_clock() => {
@@ -346,7 +346,8 @@ pub(super) fn plan_line(line: isocat_sync::budget::Line) -> PlanLine {
     }
 }
 
-/// Since when everybody was in OP and on the grid, if from then on.
+/// Time from power-on until all SubDevices were in OP and on the grid; `None` if one was off the
+/// grid at the beginning.
 fn time_to_synchronization<T>(outcome: &Outcome<T>) -> Option<i64> {
     let began = outcome.began?;
     let off_from_the_start = |device: &DeviceBench| {
@@ -360,7 +361,7 @@ fn time_to_synchronization<T>(outcome: &Outcome<T>) -> Option<i64> {
 /// Time in which the first SYNC0 edges come after OP: two of the longest cycles.
 const FIRST_EDGES: Picos = Picos(2_000_000_000_000);
 
-/// A series of ps as ns; none if it is empty.
+/// A series of ps as ns; `None` if it is empty.
 pub fn span(statistics: &Statistics) -> Option<Span> {
     let ns = |ps: f64| ps.round() / 1000.0;
     (statistics.count() > 0).then(|| Span {
@@ -372,7 +373,7 @@ pub fn span(statistics: &Statistics) -> Option<Span> {
     })
 }
 
-/// A series of errors in ps as ns; none if it is empty.
+/// A series of errors in ps as ns; `None` if it is empty.
 pub fn spread(statistics: &Statistics) -> Option<Spread> {
     let ns = |ps: f64| ps.round() / 1000.0;
     (statistics.count() > 0).then(|| Spread {

@@ -1,7 +1,7 @@
-//! What a calibration measured, for people and for machines, and as keys of a device profile.
+//! The results of a calibration, for people and for machines, and as keys of a device profile.
 //!
-//! Each figure stands with its error and with what it was measured from. Nothing is taken from a
-//! profile or a data sheet.
+//! Each figure has its error and the quantity that was measured. Nothing is taken from a profile or
+//! a data sheet.
 
 mod build;
 mod profile;
@@ -11,7 +11,7 @@ pub use profile::NoFragment;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-/// Version of the document; changes whenever a reader could be misled by an older schema.
+/// Version of the document; it changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-calibration/2";
 
 /// JSON schema of the document, draft 2020-12.
@@ -29,7 +29,7 @@ pub struct CalibrationReport {
     pub version: &'static str,
     /// Segment file or network interface.
     pub place: String,
-    /// Whether each clock's law and sign were told.
+    /// Whether each clock's law and sign were determined.
     pub complete: bool,
     /// One sentence for people.
     pub verdict: String,
@@ -41,20 +41,20 @@ pub struct CalibrationReport {
     pub drift_frames: usize,
     /// Of these, frames that did not come back.
     pub drift_frames_lost: usize,
-    /// Shortest and longest interval of the drift frames that were to come each millisecond, by the
+    /// Shortest and longest interval of the drift frames that were due each millisecond, by the
     /// reference clock.
     pub paced: [i64; 2],
     /// Frames sent.
     pub frames_sent: u64,
     /// Of these, frames that did not come back.
     pub frames_lost: u64,
-    /// What is not as it was found; empty if everything was put back.
+    /// Settings that could not be restored; empty if all were.
     pub left_changed: Vec<String>,
     /// The devices, by position.
     pub devices: Vec<Device>,
 }
 
-/// A figure, its error, and what it comes from.
+/// A figure, its error, and its origin.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Figure {
@@ -81,15 +81,15 @@ pub struct Device {
     pub crystal_ppb: Option<Figure>,
     /// How much that changed until the end.
     pub crystal_change_ppb: Option<Figure>,
-    /// What bit 31 of register 0x092C means, as the profile key `difference_polarity` has it; null:
-    /// not told.
+    /// Meaning of bit 31 of register 0x092C, as in the profile key `difference_polarity`; null if
+    /// it was not determined.
     pub difference_polarity: Option<&'static str>,
-    /// The drift loop's law; null for others than followers.
+    /// The law of the drift loop; null for others than followers.
     pub law: Option<Law>,
-    /// Latches of this clock against the reference: standard deviation, ticks of both included (4.1
-    /// ns alone).
+    /// Standard deviation of latches of this clock against the reference, including the ticks of
+    /// both (4.1 ns alone).
     pub latch_deviation: Option<f64>,
-    /// How far frames jitter on the way from the clock above; null for others than followers.
+    /// Jitter of frames on the path from the clock above; null for others than followers.
     pub jitter: Option<Jitter>,
     /// The hop to it; null without receive times.
     pub hop: Option<Hop>,
@@ -101,39 +101,39 @@ pub struct Device {
     pub to_init: Option<StateChange>,
 }
 
-/// What a device has of distributed clocks.
+/// Distributed clocks of a device.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ClockKind {
-    /// It leads.
+    /// It is the reference clock.
     Reference,
     /// It was measured.
     Follower,
-    /// It has receive times alone.
+    /// It has only receive times.
     ReceiveTimes,
-    /// It has nothing of it.
+    /// It has no distributed clocks.
     None,
 }
 
-/// What is known of a drift loop's law.
+/// The result for a drift loop's law.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Law {
     /// `told`, `not-told-apart` or `none-fits`.
     pub verdict: LawVerdict,
-    /// Name of the law, as the profile key `drift_law` has it; null unless told.
+    /// Name of the law, as in the profile key `drift_law`; null unless told.
     pub name: Option<&'static str>,
-    /// Phase parameter, as the profile key `drift_phase` has it; null unless told.
+    /// Phase parameter, as in the profile key `drift_phase`; null unless told.
     pub phase: Option<u8>,
-    /// Gain, as the profile key `drift_gain` has it; null unless `proportional` was told.
+    /// Gain, as in the profile key `drift_gain`; null unless `proportional` was told.
     pub gain: Option<u16>,
     /// The best of each family, best first.
     pub fits: Vec<Fit>,
-    /// Numbers that were compared.
+    /// Number of compared values.
     pub numbers: usize,
 }
 
-/// What is known.
+/// The verdict on a law.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LawVerdict {
@@ -145,7 +145,7 @@ pub enum LawVerdict {
     NoneFits,
 }
 
-/// How well a law fits.
+/// The fit of a law.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Fit {
@@ -153,7 +153,7 @@ pub struct Fit {
     pub name: &'static str,
     /// Its parameter that fits best: the phase, or the gain of `proportional`.
     pub parameter: u16,
-    /// Whether it fits and can't be told from the best.
+    /// Whether it fits and cannot be distinguished from the best one.
     pub admissible: bool,
     /// Root mean square of measured less predicted, in standard deviations.
     pub misfit: f64,
@@ -161,7 +161,7 @@ pub struct Fit {
     pub measured: Option<Figure>,
 }
 
-/// Many readings.
+/// Statistics of repeated readings.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Spread {
@@ -171,11 +171,11 @@ pub struct Spread {
     pub error: f64,
     /// Standard deviation of one reading.
     pub deviation: f64,
-    /// Least.
+    /// Smallest reading.
     pub least: f64,
-    /// Largest.
+    /// Largest reading.
     pub most: f64,
-    /// Readings.
+    /// Number of readings.
     pub count: usize,
     /// What was read.
     pub from: &'static str,
@@ -189,10 +189,10 @@ pub struct Jitter {
     pub above: usize,
     /// The port at which frames come in: `mii`, `ebus` or `other`, register 0x0007.
     pub port: &'static str,
-    /// Standard deviation of a frame's time on the way, ticks not included; null if both crystals are
-    /// too much alike to show it.
+    /// Standard deviation of a frame's time on the path, without ticks; null if both crystals are
+    /// too similar to show it.
     pub deviation: Option<Figure>,
-    /// Latches.
+    /// Number of latches.
     pub latches: usize,
 }
 
@@ -200,17 +200,17 @@ pub struct Jitter {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Hop {
-    /// Position of the device above; null for the first, or if open ports make no tree.
+    /// Position of the device above; null for the first, or if the open ports do not form a tree.
     pub above: Option<usize>,
-    /// Port of it.
+    /// Port of that device.
     pub port: Option<usize>,
-    /// From a frame's arrival until it is back for the last time.
+    /// Time from a frame's arrival until its last return.
     pub round_trip: Spread,
-    /// Half of what the frame is away from above and not here; null for the first. It is the delay
-    /// of the hop less half of tDiff.
+    /// Half of the difference between the frame's time away from the device above and its round
+    /// trip behind this one; null for the first. It is the delay of the hop less half of tDiff.
     pub one_way: Option<Spread>,
-    /// tDiff of this device: how much longer a frame stays on its way through the processing unit
-    /// than on its way back; null at the end of a line.
+    /// tDiff of this device: the time that a frame stays on its way through the processing unit,
+    /// less that on its way back; null at the end of a line.
     pub t_diff: Option<Figure>,
 }
 
@@ -218,7 +218,7 @@ pub struct Hop {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct StateChange {
-    /// How long it took; null if it did not come.
+    /// Duration; null if the state was not reached.
     pub took: Option<Spread>,
     /// Code of register 0x0134 if it was refused.
     pub refused: Option<u16>,

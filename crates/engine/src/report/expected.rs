@@ -1,4 +1,4 @@
-//! What went wrong in a run as it was told to, and what became of what was expected.
+//! The injected faults of a run, and the results of its expectations.
 
 use isocat_descriptions::columns::{WIDTH, wrap};
 use isocat_segment::Scenario;
@@ -12,29 +12,30 @@ use serde::Serialize;
 
 use super::text::{BAD, GOOD};
 
-/// A fault that began or ended, as it was asked for.
+/// An injected fault that began or ended.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct FaultNote {
-    /// When, from the beginning of the judged time: negative on the way up; from power-on if that never began.
+    /// Time from the beginning of the judged time, negative on the way up; from power-on if the
+    /// judged time never began.
     pub at_ns: i64,
-    /// What happened, as a sentence; at its end with "over: " before it.
+    /// Description as a sentence; at the end of the fault with "over: " before it.
     pub what: String,
-    /// It began; else it ended.
+    /// Whether it began; otherwise it ended.
     pub begins: bool,
 }
 
-/// Something that was expected of the run.
+/// An expectation of the run.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Expected {
     /// The key of the segment file.
     pub key: String,
-    /// What was expected, as a sentence.
+    /// The expectation, as a sentence.
     pub what: String,
-    /// Whether it came so.
+    /// Whether it was met.
     pub met: bool,
-    /// What was found, as a sentence.
+    /// The observation, as a sentence.
     pub found: String,
 }
 
@@ -51,7 +52,7 @@ pub(super) fn faults<T: Tap>(outcome: &Outcome<T>) -> Vec<FaultNote> {
     told.map(note).collect()
 }
 
-/// What became of the expectations.
+/// The results of the expectations.
 pub(super) fn expected<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Vec<Expected> {
     let name = |position: usize| match scenario.devices.get(position) {
         Some(device) => format!("SubDevice {position} ({})", device.name),
@@ -63,7 +64,8 @@ pub(super) fn expected<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Vec
 }
 
 impl Expected {
-    /// In words. `zero` is when the run came into operation, `name` tells a SubDevice by its position.
+    /// A judgement in words. `zero` is when the run came into operation, `name` gives the name of a
+    /// SubDevice by its position.
     pub fn of(judgement: &Judgement, zero: Time<True>, name: impl Fn(usize) -> String) -> Self {
         let (key, what) = wanted(&judgement.expectation, &name);
         let found = found(&judgement.found, zero, &name);
@@ -161,7 +163,7 @@ fn micrometres(nm: u64) -> String {
     format!("{} um", nm as f64 / 1_000.0)
 }
 
-/// Rounded as people read it: to a thousandth of what is told.
+/// A time rounded for people: to a thousandth of its value.
 fn nanos(time: Picos) -> Nanos {
     let ns = time.0 / 1_000;
     let mut grain = 1;
@@ -171,11 +173,11 @@ fn nanos(time: Picos) -> Nanos {
     Nanos((ns + grain / 2 * ns.signum()) / grain * grain)
 }
 
-/// Faults that a reader wants to see.
+/// Largest number of faults in the text.
 const MOST_FAULTS: usize = 12;
 
-/// Writes a line for each expectation: whether it was met (`None`: that could not be judged), what it was and what was found.
-/// Nothing where nothing was expected.
+/// Writes a line for each expectation: whether it was met (`None`: that could not be judged), the
+/// expectation and the observation. Writes nothing without expectations.
 pub fn write_expected(
     out: &mut String,
     expected: &[(Option<bool>, &str, &str)],
@@ -203,7 +205,7 @@ pub fn write_expected(
     Ok(())
 }
 
-/// Writes what was expected and what went wrong on purpose; nothing where there is neither.
+/// Writes expectations and injected faults; nothing if there are none.
 pub(super) fn write(
     out: &mut String,
     expected: &[Expected],

@@ -1,8 +1,8 @@
-//! What a run on a real interface says of itself.
+//! The report of a run on a real interface.
 //!
-//! Nobody there knows true time: a figure was read from the SubDevice over the wire (`registers`), is what
-//! the MainDevice measured or counted with its own clock (`main_device`, `punctuality`, `machine`), or was
-//! computed before the run (`plan`).
+//! True time is not known there. A figure was read from the SubDevice over the wire (`registers`),
+//! was measured or counted by the MainDevice with its own clock (`main_device`, `punctuality`,
+//! `machine`), or was computed before the run (`plan`).
 
 mod build;
 mod text;
@@ -22,7 +22,7 @@ use super::{
 };
 use crate::verdict::Answer;
 
-/// Version of the document; changes whenever a reader could be misled by an older schema.
+/// Version of the document; it changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-interface-report/6";
 
 /// JSON schema of the document, draft 2020-12.
@@ -40,48 +40,50 @@ pub struct InterfaceReport {
     pub version: &'static str,
     /// Network interface.
     pub interface: String,
-    /// Its network namespace; null: that of the program.
+    /// Its network namespace; null for that of the program.
     pub namespace: Option<String>,
-    /// Where the expected segment was described; null: whatever was there was taken.
+    /// File with the description of the expected segment; null if any segment was accepted.
     pub segment_file: Option<String>,
     /// Whether the answer is "in-sync".
     pub in_sync: bool,
-    /// What all that is known of the time in operation comes to: in-sync; except, if there are findings; not-known, if
-    /// there are none and an entry of `unknown` decides.
+    /// The result of all that is known of the time in operation: in-sync; except, if there are
+    /// findings; not-known, if there are none and an entry of `unknown` decides.
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub answer: Answer,
     /// One sentence for people.
     pub verdict: String,
-    /// Why not, in the order of time; what has no time of its own comes last.
+    /// Why it was not in sync, in the order of time; findings without a time come last.
     pub findings: Vec<Finding>,
-    /// What is not known, and why; first what leaves the answer open.
+    /// What is not known, and why; entries that leave the answer open come first.
     pub unknown: Vec<Unknown>,
-    /// How SubDevices that may be absent came and went.
+    /// Departures and returns of SubDevices that may be absent.
     pub visits: Vec<Finding>,
-    /// What is no reason for the verdict but may explain it.
+    /// Facts that are no reason for the verdict but may explain it.
     pub notes: Vec<String>,
-    /// Optional services that SubDevices answered badly, and what was taken instead; nothing against the segment.
+    /// Optional services that SubDevices answered badly, and what was used instead; they do not
+    /// count against the segment.
     pub services: Vec<ServiceNote>,
-    /// What ended the run: time, signal, bring-up, silence, interface.
+    /// The reason for the end of the run: time, signal, bring-up, silence, interface.
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub ended_by: EndedBy,
     /// Bus cycle.
     pub cycle_ns: i64,
-    /// Time that was asked for, from the moment when all SubDevices were in OP.
+    /// Requested time, from the moment when all SubDevices were in OP.
     pub asked_ns: i64,
     /// Time in operation that was judged; 0 if it never began.
     pub judged_ns: i64,
     /// The machine before the run.
     pub machine: Machine,
-    /// How punctual the machine was in operation.
+    /// Punctuality of the machine in operation.
     pub punctuality: Punctuality,
-    /// Counted or measured by the MainDevice, the way up included.
+    /// Counted or measured by the MainDevice, including the way up.
     pub main_device: SegmentMainDevice,
-    /// Computed before the run; null if the run did not come so far.
+    /// Computed before the run; null if the run ended before that.
     pub plan: Option<SegmentPlan>,
-    /// What was read in the background; null if the segment file does not ask for it, or operation was not reached.
+    /// Results of the background reads; null if the segment file does not ask for them, or
+    /// operation was not reached.
     pub quality: Option<Quality>,
     /// Figures of each SubDevice, by position.
     pub devices: Vec<InterfaceDevice>,
@@ -91,13 +93,14 @@ pub struct InterfaceReport {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Unknown {
-    /// Place of the SubDevice that it concerns; null: the segment.
+    /// Position of the SubDevice; null for the segment.
     pub position: Option<usize>,
     /// Its name.
     pub device: Option<String>,
-    /// Whether it leaves the answer open; else it is what no wire shows, and changes no answer.
+    /// Whether it leaves the answer open; otherwise it is something that no wire shows, and changes
+    /// no answer.
     pub decides: bool,
-    /// In words.
+    /// Description in words.
     pub what: String,
     /// Short name of the kind, for programs. docs/verdict.md describes each.
     pub kind: &'static str,
@@ -106,16 +109,16 @@ pub struct Unknown {
     pub figures: BTreeMap<String, FigureDocument>,
 }
 
-/// What ended a run on an interface.
+/// The reason for the end of a run on an interface.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum EndedBy {
-    /// The time that was asked for is over.
+    /// The requested time is over.
     Time,
     /// A signal.
     Signal,
     /// The way up failed.
     BringUp,
-    /// Nothing came back any more.
+    /// No frame came back any more.
     Silence,
     /// The interface failed.
     Interface,
@@ -137,11 +140,11 @@ impl fmt::Display for EndedBy {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Machine {
-    /// What was granted for real time.
+    /// Real-time settings that were granted.
     pub granted: Vec<String>,
-    /// What was refused, each with what to do about it.
+    /// Real-time settings that were refused, each with advice.
     pub refused: Vec<String>,
-    /// Settings that harm.
+    /// Settings that are harmful.
     pub harms: Vec<Harm>,
     /// Lateness of sleeps that end at the beginning of a cycle, measured before the run.
     pub wake_up_lateness: Option<Series>,
@@ -151,33 +154,35 @@ pub struct Machine {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Harm {
-    /// What.
+    /// The setting.
     pub what: String,
-    /// Where it was read.
+    /// Where the setting was read.
     pub source: String,
-    /// What to do about it.
+    /// What to change.
     pub advice: String,
 }
 
-/// How punctual the machine was in operation.
+/// Punctuality of the machine in operation.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Punctuality {
-    /// When the first frame of a cycle was handed to the kernel, less when it was due; null without cycles.
+    /// Time when the first frame of a cycle was handed to the kernel, less its due time; null
+    /// without cycles.
     pub send_lateness: Option<Series>,
-    /// Lateness that the plan keeps free.
+    /// Lateness that the plan allows.
     pub jitter_ns: i64,
     /// Cycles that were later than that.
     pub beyond_jitter: u64,
-    /// From handing a frame to the kernel until the kernel had it back; null if none came back.
+    /// Time from handing a frame to the kernel until the kernel had it back; null if none came
+    /// back.
     pub round_trip: Option<Series>,
-    /// Cycles left out.
+    /// Skipped cycles.
     pub cycles_skipped: u64,
     /// Frames that did not come back.
     pub frames_lost: u64,
     /// Datagrams of process data with a wrong working counter.
     pub working_counter_errors: u64,
-    /// EtherCAT frames that came in and were not ours, or came too late, the way up included.
+    /// EtherCAT frames that arrived and were not ours, or too late, including the way up.
     pub frames_foreign: u64,
     /// Of these, frames with another source address.
     pub frames_of_others: u64,
@@ -205,9 +210,9 @@ pub struct Series {
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Bucket {
-    /// They do not exceed this and exceed the bucket before; null: the rest.
+    /// Upper limit of its values, which exceed the limit of the bucket before; null for the rest.
     pub up_to_ns: Option<i64>,
-    /// How many, to one part in eight at the edge.
+    /// Number of values, to one part in eight at the edge.
     pub count: u64,
 }
 
@@ -217,7 +222,7 @@ pub struct Bucket {
 pub struct InterfaceDevice {
     /// Place in processing order, from 0.
     pub position: usize,
-    /// Name in the segment file, else in its SII.
+    /// Name in the segment file, or else in its SII.
     pub name: String,
     /// Vendor id in its SII.
     pub vendor_id: u32,
@@ -231,17 +236,17 @@ pub struct InterfaceDevice {
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub mode: SyncMode,
-    /// Why not a higher mode; empty if this is the one asked for or the highest.
+    /// Why no higher mode is used; empty if this is the requested or the highest one.
     pub mode_reason: String,
-    /// Read over the wire at the end, 0x092C too; of a way up that failed, as last read. A state that could not be read
-    /// at the end is "unknown".
+    /// Registers read over the wire at the end, including 0x092C; if the way up failed, as last
+    /// read. A state that could not be read at the end is "unknown".
     pub registers: DeviceRegisters,
-    /// Counters of 0x1C32 when the time in operation began.
+    /// Counters of 0x1C32 at the beginning of the time in operation.
     pub output_counters_before: Counters,
-    /// Counters of 0x1C33 when the time in operation began.
+    /// Counters of 0x1C33 at the beginning of the time in operation.
     pub input_counters_before: Counters,
     /// Lines of the timing budget.
     pub plan: Vec<PlanLine>,
-    /// Its process data, as the MainDevice's application sees them.
+    /// Its process data, as seen by the MainDevice's application.
     pub application: String,
 }

@@ -1,16 +1,16 @@
-//! Kinds of notes that plans and scans have.
+//! Kinds of notes in plans and scans.
 
 use std::fmt;
 
 use isocat_maindevice::kinds;
 
 kinds! {
-    /// What a note of a plan or of a scan is about.
+    /// The kind of a note in a plan or a scan.
     #[derive(Clone, Copy, PartialEq, Eq, Debug)]
     pub enum NoteKind {
-        /// Something of the SubDevice could not be read.
+        /// A part of the SubDevice could not be read.
         NotRead = "not-read",
-        /// The scan could not go on.
+        /// The scan could not continue.
         GivenUp = "given-up",
         /// SubDevices may not be back in INIT after the scan.
         WayDown = "way-down",
@@ -28,7 +28,7 @@ kinds! {
         TooFewSyncManagers = "too-few-sync-managers",
         /// The process data need more FMMUs than the ESC has.
         TooFewFmmus = "too-few-fmmus",
-        /// The SII and object 0x1C00 differ about what a SyncManager is for.
+        /// The SII and object 0x1C00 state different uses of a SyncManager.
         SyncManagerUse = "sync-manager-use",
         /// An area lies outside the process RAM.
         BeyondTheMemory = "beyond-the-memory",
@@ -40,9 +40,9 @@ kinds! {
         OpModeWithoutClock = "op-mode-without-clock",
         /// 0x1C32:04 and 0x1C33:04 announce no common mode.
         TypesExcludeEachOther = "types-exclude-each-other",
-        /// An entry is described and can't be read.
+        /// An entry is described but cannot be read.
         NotReadable = "not-readable",
-        /// An entry has another length than its description says.
+        /// The length of an entry differs from its description.
         Length = "length",
         /// 0x1C32:04 or 0x1C33:04 announces a DC mode, and the SubDevice has no system time.
         DcWithoutClock = "dc-without-clock",
@@ -50,21 +50,21 @@ kinds! {
         ShiftReserved = "shift-reserved",
         /// A shift by local timer is announced, and the entry for it is missing.
         NoShift = "no-shift",
-        /// A shift by local timer is announced, and the entry for it can't be written.
+        /// A shift by local timer is announced, and the entry for it cannot be written.
         ShiftReadOnly = "shift-read-only",
         /// Calc and copy time is longer than the minimum cycle.
         CopyLongerThanCycle = "copy-longer-than-cycle",
         /// Sub-index 01 of 0x1C32 or 0x1C33 shows a type that sub-index 04 does not announce.
         TypeNotAnnounced = "type-not-announced",
-        /// The SubDevice stood in an error before the scan.
+        /// The SubDevice had an AL status error before the scan.
         ErrorBefore = "error-before",
         /// The SubDevice was in another state than INIT before the scan.
         InUse = "in-use",
-        /// A port has a link, and what is behind it does not answer.
+        /// A port has a link, but the device behind it does not answer.
         LinkWithoutSignal = "link-without-signal",
         /// The SubDevice has receive times and no system time.
         ReceiveTimesOnly = "receive-times-only",
-        /// The propagation delay can't be known from the receive times.
+        /// The receive times do not determine the propagation delay.
         DelayUnknown = "delay-unknown",
         /// The SII names no vendor or no product.
         NoIdentity = "no-identity",
@@ -76,29 +76,30 @@ kinds! {
         TypesDisagree = "types-disagree",
         /// 0x1C32:05 and 0x1C33:05 state different minimum cycles.
         MinimumCyclesDiffer = "minimum-cycles-differ",
-        /// Counters of 0x1C32 or 0x1C33 had counted before the scan.
+        /// Counters of 0x1C32 or 0x1C33 were not 0 before the scan.
         Counted = "counted",
         /// A time that an announced mode asks for is not stated.
         NotStated = "not-stated",
-        /// 0x1C32:04 or 0x1C33:04 says that delays are fixed and that they should be measured.
+        /// 0x1C32:04 or 0x1C33:04 announces both fixed delays and delays to be measured.
         DelayBoth = "delay-both",
         /// Delays are announced as fixed, and minimum and maximum differ.
         DelayNotFixed = "delay-not-fixed",
-        /// Subordinated cycles are announced, and 0x1C32:0A does not say which.
+        /// Subordinated cycles are announced, and 0x1C32:0A does not state their SYNC0 cycle.
         NoSync0Cycle = "no-sync0-cycle",
         /// Sub-indices that an announced mode asks for are missing.
         Missing = "missing",
-        /// SYNC0 comes while the frame passes: SubDevices behind see old outputs, those in front new ones.
+        /// SYNC0 comes while the frame passes: SubDevices behind it use old outputs, those before
+        /// it new ones.
         Sync0InFrame = "sync0-in-frame",
-        /// The SubDevice is wanted in Free Run and will work by the SM event.
+        /// Free Run is requested, but the SubDevice will work by the SM event.
         FreeRunBySm = "free-run-by-sm",
         /// A shift by local timer is asked for, and the mode does not use it.
         ShiftUnused = "shift-unused",
-        /// A mailbox frame takes longer than what a cycle has to spare.
+        /// A mailbox frame takes longer than the free time of a cycle.
         MailboxNoRoom = "mailbox-no-room",
         /// The base cycle may begin at any of several SYNC0 pulses.
         TwoPhases = "two-phases",
-        /// Types can't be written, and are not those of the mode.
+        /// Types cannot be written, and are not those of the mode.
         TypeReadOnly = "type-read-only",
         /// The mode needs SYNC, and each OpMode of the SubDevice leaves it off.
         OpmodeSyncOff = "opmode-sync-off",

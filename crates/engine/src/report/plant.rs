@@ -1,4 +1,4 @@
-//! What late outputs did to the machines behind devices.
+//! Effects of late outputs on the machines behind devices.
 
 use std::fmt::{self, Write};
 
@@ -17,16 +17,17 @@ use super::QUIET;
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Plants {
-    /// Each of them.
+    /// Each machine.
     pub each: Vec<Plant>,
-    /// From the least to the largest deviation of all of them at an instant: what bends a contour that they make together, um;
-    /// null of one machine.
+    /// Difference of the least and the largest deviation of all machines at an instant, um: the
+    /// distortion of a contour that they make together. Null for a single machine.
     pub apart_um: Option<Size>,
-    /// When that was largest, from the beginning of the judged time.
+    /// Time of its largest value, from the beginning of the judged time.
     pub apart_at_ns: Option<i64>,
 }
 
-/// A machine beside one that gets the same commands on the grid. Distances are of the load.
+/// A machine, compared with one that gets the same commands on the grid. Distances are those of the
+/// load.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Plant {
@@ -34,42 +35,44 @@ pub struct Plant {
     pub position: usize,
     /// Its name.
     pub device: String,
-    /// What is commanded: "position" or "torque".
+    /// The commanded quantity: "position" or "torque".
     pub commands: &'static str,
-    /// How often both machines were looked at; 0 where no command came in the judged time, or no clock leads.
+    /// Number of samples of both machines; 0 if no command came in the judged time, or no clock
+    /// leads.
     pub looks: u64,
-    /// The constant time from the instant at which a cycle's frame is to find the reference clock until its outputs act, as the
-    /// machine on the grid has it; null where it is not known.
+    /// The constant time from a frame's due time at the reference clock until its outputs act, as
+    /// used for the machine on the grid; null if it is not known.
     pub delay_ns: Option<i64>,
-    /// From where the load would be on the grid to where it is, um; null where it was never looked at, and where the loop is not
-    /// stable.
+    /// Position of the load, less its position on the grid, um; null without samples, and if the
+    /// loop is not stable.
     pub deviation_um: Option<Size>,
-    /// When that was largest, from the beginning of the judged time.
+    /// Time of its largest value, from the beginning of the judged time.
     pub deviation_at_ns: Option<i64>,
-    /// From the commanded position that is in force on the grid to where the load is, um; null of torques.
+    /// Position of the load, less the commanded position in force on the grid, um; null if torques
+    /// are commanded.
     pub following_um: Option<Size>,
-    /// The same of the machine on the grid.
+    /// The same for the machine on the grid.
     pub ideal_following_um: Option<Size>,
     /// Torque between motor and load, Nm.
     pub coupling_nm: Option<Size>,
-    /// The same of the machine on the grid.
+    /// The same for the machine on the grid.
     pub ideal_coupling_nm: Option<Size>,
-    /// The difference of both: the ripple that lateness makes, Nm.
+    /// The difference of both, which is the ripple due to lateness, Nm.
     pub ripple_nm: Option<Size>,
 }
 
-/// Size of a figure that changes.
+/// Size of a figure that varies.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Size {
-    /// The largest, without its sign.
+    /// Largest value without its sign.
     pub largest: f64,
     /// Root of the mean square.
     pub rms: f64,
 }
 
 impl Plants {
-    /// `None` without machines.
+    /// The machines of a run; `None` if there are none.
     pub(super) fn new<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Option<Self> {
         if scenario.plants.is_empty() {
             return None;
@@ -161,11 +164,11 @@ fn since(at: Time<True>, zero: Time<True>) -> i64 {
     (at - zero).0 / 1_000
 }
 
-/// Parts of a um and of a Nm to which figures are rounded.
+/// Fractions of 1 um and of 1 Nm to which figures are rounded.
 const NANOMETRES: f64 = 1e3;
 const MICRONEWTONMETRES: f64 = 1e6;
 
-/// `None` where nothing was counted, or where it grew beyond all numbers.
+/// The size of a spread; `None` if it is empty or not finite.
 fn size(spread: &Spread, parts: f64) -> Option<Size> {
     let (largest, rms) = (spread.largest, spread.rms());
     let round = |value: f64| (value * parts).round() / parts;
@@ -173,7 +176,7 @@ fn size(spread: &Spread, parts: f64) -> Option<Size> {
         .then(|| Size { largest: round(largest), rms: round(rms) })
 }
 
-/// Three figures or more, as people compare them.
+/// A figure to three digits or more.
 fn figure(value: Option<f64>) -> String {
     match value {
         None => "-".into(),

@@ -1,4 +1,5 @@
-//! What was read in the background while the segment ran, if the segment file asked for it (`[quality]`).
+//! Results of the reads in the background while the segment ran, if the segment file asked for them
+//! (`[quality]`).
 
 use std::fmt::{self, Write};
 
@@ -12,25 +13,25 @@ use serde::Serialize;
 
 use super::text::{MOST_DEVICES, QUIET};
 
-/// What the background reading says: registers and objects read from the SubDevices, the rest counted or measured by
-/// the MainDevice.
+/// Results of the background reads: registers and objects were read from the SubDevices, the rest
+/// was counted or measured by the MainDevice.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Quality {
-    /// Share of the wire that the readings may take, permille.
+    /// Share of the wire that the reads may use, permille.
     pub share_asked_permille: u16,
-    /// Share that they took, permille: the time of their frames on the wire, each datagram of a mailbox as if it had a
-    /// frame of its own.
+    /// Share that they used, permille: the time of their frames on the wire, with each mailbox
+    /// datagram counted as a separate frame.
     pub share_taken_permille: f64,
-    /// How much later than planned the latest frame of the cycle found the reference clock, in the moments that are
+    /// Largest lateness of a frame of the cycle at the reference clock, in the moments that are
     /// kept; null without clocks.
     pub latest_frame_ns: Option<i64>,
-    /// For how many cycles no drift frame reached all clocks, if that is more than is put up with; then the clocks have no
-    /// figures, as 0x092C tells nothing.
+    /// Number of cycles in which no drift frame reached all clocks, if it exceeds the limit; then
+    /// the clocks have no figures, since 0x092C is meaningless.
     pub unled_cycles: Option<u64>,
     /// Each SubDevice, by position.
     pub devices: Vec<DeviceQuality>,
-    /// Alarms that came and went in the judged time.
+    /// Alarms that were raised or cleared in the judged time.
     pub alarms: Vec<AlarmLine>,
 }
 
@@ -44,7 +45,7 @@ pub struct DeviceQuality {
     pub name: String,
     /// Its clock; null without one, at the reference itself, and before the first reading.
     pub clock: Option<ClockFigures>,
-    /// What frames leave before SYNC0; null without SYNC0.
+    /// Time between frames and SYNC0; null without SYNC0.
     pub margin: Option<MarginFigures>,
     /// Entries of 0x1C32 and 0x1C33 that were read.
     pub entries: Vec<EntryFigures>,
@@ -56,26 +57,28 @@ pub struct DeviceQuality {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct ClockFigures {
-    /// Readings kept, which the other figures are of.
+    /// Number of kept readings, from which the other figures are.
     pub readings: usize,
-    /// Largest size of 0x092C.
+    /// Largest absolute value of 0x092C.
     pub worst_difference_ns: i64,
-    /// How far the clock is from the reference's at most, as far as registers tell: that, what it moves between two
-    /// readings, the ticks of both clocks and the error of the measured delay.
+    /// Largest distance of the clock from the reference's, as far as registers tell. It includes
+    /// the worst difference, the movement between two readings, the ticks of both clocks and the
+    /// error of the measured delay.
     pub bound_ns: i64,
-    /// Slope of the last differences, ns a second.
+    /// Slope of the last differences, ns per second.
     pub slope_ppb: i64,
-    /// How much faster the drift loop makes the clock, by 0x0930 and 0x0932; mean.
+    /// Mean correction of the clock's speed by the drift loop, from 0x0930 and 0x0932 (positive:
+    /// faster).
     pub correction_ppm: f64,
 }
 
-/// Time left before SYNC0 once outputs are ready by what the device states.
+/// Time left before SYNC0 once outputs are ready, from the times that the device states.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct MarginFigures {
-    /// With a frame in time.
+    /// For a frame in time.
     pub planned_ns: i64,
-    /// With the latest frame.
+    /// For the latest frame.
     pub least_ns: i64,
 }
 
@@ -83,32 +86,32 @@ pub struct MarginFigures {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct EntryFigures {
-    /// Which, such as 0x1C32:0B.
+    /// The entry, such as 0x1C32:0B.
     pub object: String,
     /// Its name in ETG.1020.
     pub name: String,
-    /// As last read: a count, ns for distances; null before the first reading.
+    /// Last value: a count, or ns for distances; null before the first reading.
     pub value: Option<u32>,
-    /// How much a counter rose from reading to reading.
+    /// Sum of a counter's increases from reading to reading.
     pub risen: u64,
 }
 
-/// An alarm that came or went.
+/// An alarm that was raised or cleared.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct AlarmLine {
-    /// When, from the beginning of the judged time.
+    /// Time from the beginning of the judged time.
     pub since_ns: i64,
     /// Position of the SubDevice.
     pub position: usize,
-    /// It came; else it was over.
+    /// Whether it was raised; otherwise it was cleared.
     pub raised: bool,
-    /// What, with the figures.
+    /// Description, with the figures.
     pub what: String,
 }
 
 impl Quality {
-    /// What the MainDevice knows now; `None`: it was not asked to read, or does not run.
+    /// The MainDevice's present results; `None` if it was not asked to read, or does not run.
     pub(crate) fn new(main: &MainDevice, asked: Option<QualityWatch>) -> Option<Self> {
         let snapshot = main.snapshot()?;
         let (spent, since) = main.quality_wire_time()?;
@@ -133,8 +136,8 @@ impl Quality {
         })
     }
 
-    /// What another MainDevice than ours read in the background for as long as `elapsed`; it does not measure what frames leave
-    /// before SYNC0.
+    /// The results of another MainDevice that read in the background for `elapsed`; it does not
+    /// measure the time before SYNC0.
     pub fn of_background(
         background: &Background,
         devices: &[isocat_maindevice::SubDevice],
@@ -156,7 +159,7 @@ impl Quality {
         }
     }
 
-    /// With the alarms of the judged time.
+    /// Adds the alarms of the judged time.
     pub fn with_alarms(mut self, alarms: &[(Nanos, isocat_maindevice::quality::Change)]) -> Self {
         let line = |(since, change): &(Nanos, isocat_maindevice::quality::Change)| AlarmLine {
             since_ns: since.0,
@@ -168,8 +171,7 @@ impl Quality {
         self
     }
 
-    /// A table of the SubDevices, and the last alarms.
-    /// The text without styles.
+    /// A table of the SubDevices, and the last alarms, as text without styles.
     pub fn plain(&self) -> String {
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -234,7 +236,7 @@ impl Quality {
 }
 
 impl DeviceQuality {
-    /// `7 counters, none rose; SM2 to SYNC0 430.1 to 450.2 us`
+    /// The objects as text: `7 counters, none rose; SM2 to SYNC0 430.1 to 450.2 us`.
     fn objects(&self) -> String {
         let distance = |wanted| {
             let object = format!("0x{OUTPUT_PARAMETER:04X}:{wanted:02X}");
@@ -314,9 +316,9 @@ fn round(value: f64, digits: i32) -> f64 {
     (value * scale).round() / scale
 }
 
-/// Columns before what objects say.
+/// Columns before the results of objects.
 const INDENT: usize = 72;
-/// Alarms that a reader wants to see.
+/// Largest number of alarms in the text.
 const MOST_ALARMS: usize = 12;
-/// Entries that count nothing.
+/// Entries that are no counters.
 const DISTANCES: [&str; 4] = [":0F", ":10", ":11", ":12"];

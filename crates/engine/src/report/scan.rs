@@ -1,8 +1,10 @@
-//! What a scan found: a segment before any cycle, as its registers, its SII and its objects tell it.
+//! The result of a scan: a segment before any cycle, according to its registers, its SII and its
+//! objects.
 //!
-//! Everything was read over the wire or measured by the MainDevice from what was read; nothing is taken from a segment
-//! file or a profile. A *finding* is what could not be read or contradicts itself; a *doubt* is what is allowed and
-//! leaves a question open, such as a time of 0.
+//! Everything was read over the wire, or measured by the MainDevice from readings; nothing is taken
+//! from a segment file or a profile. A *finding* is something that could not be read or is
+//! contradictory; a *doubt* is something that is allowed but leaves a question open, such as a time
+//! of 0.
 
 mod build;
 mod doubts;
@@ -18,7 +20,7 @@ use serde::Serialize;
 pub use super::Note;
 use super::typed;
 
-/// Version of the document; changes whenever a reader could be misled by an older schema.
+/// Version of the document; it changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-scan/1";
 
 /// JSON schema of the document, draft 2020-12.
@@ -34,27 +36,27 @@ pub struct ScanReport {
     pub format: &'static str,
     /// Version of the program.
     pub version: &'static str,
-    /// Where the virtual segment was described; null on an interface.
+    /// File with the description of the virtual segment; null on an interface.
     pub segment_file: Option<String>,
     /// Network interface; null for a virtual segment.
     pub interface: Option<String>,
-    /// Its network namespace; null: that of the program.
+    /// Its network namespace; null for that of the program.
     pub namespace: Option<String>,
-    /// Whether everything was read and nothing contradicts itself: no findings.
+    /// Whether everything was read and nothing is contradictory: no findings.
     pub consistent: bool,
     /// One sentence for people.
     pub verdict: String,
-    /// What could not be read or contradicts itself.
+    /// Parts that could not be read or are contradictory.
     pub findings: Vec<Note>,
-    /// What is allowed and leaves a question open.
+    /// Parts that are allowed but leave a question open.
     pub doubts: Vec<Note>,
-    /// Whether objects were read by SDO; else the SII alone speaks for the process data.
+    /// Whether objects were read by SDO; otherwise process data are those of the SII alone.
     pub objects_read: bool,
     /// Position of the SubDevice whose clock leads; null without clocks.
     pub reference: Option<usize>,
-    /// Whether it is known who hangs on whom; else no SubDevice has a parent.
+    /// Whether the tree of the SubDevices is known; otherwise no SubDevice has a parent.
     pub tree_known: bool,
-    /// Frames sent until everything was known.
+    /// Frames sent until the scan was complete.
     pub frames_sent: u64,
     /// Of these, frames that did not come back.
     pub frames_lost: u64,
@@ -68,7 +70,7 @@ pub struct ScanReport {
 pub struct Device {
     /// Place in processing order, from 0.
     pub position: usize,
-    /// Station address that the scan gave to it.
+    /// Station address that the scan assigned.
     pub station_address: u16,
     /// Name in its SII; may be empty.
     pub name: String,
@@ -86,25 +88,25 @@ pub struct Device {
     pub alias: Option<u16>,
     /// Station alias in its SII, word 4.
     pub sii_alias: u16,
-    /// What its ESC is and has.
+    /// Properties of its ESC.
     pub esc: Esc,
     /// Its ports, by number.
     pub ports: Vec<Port>,
-    /// Position of the SubDevice that it hangs on; null for the first, or if the tree is not known.
+    /// Position of the parent SubDevice; null for the first, or if the tree is not known.
     pub parent: Option<usize>,
-    /// Port of the SubDevice above.
+    /// Port of the parent SubDevice.
     pub parent_port: Option<usize>,
     /// Its propagation delay.
     pub delay: Delay,
     /// Its clock.
     pub clock: Clock,
-    /// SyncManagers, by number: the SII's, and the use that object 0x1C00 tells.
+    /// SyncManagers by number: those of the SII, with their use by object 0x1C00.
     pub sync_managers: Vec<SyncManager>,
     /// Its mailbox by the SII; null without.
     pub mailbox: Option<Mailbox>,
-    /// Outputs: what is assigned to 0x1C12, or what the SII assigns.
+    /// Outputs: the assignment of 0x1C12, or of the SII.
     pub outputs: ProcessData,
-    /// Inputs: what is assigned to 0x1C13, or what the SII assigns.
+    /// Inputs: the assignment of 0x1C13, or of the SII.
     pub inputs: ProcessData,
     /// Object 0x1C32; null if it has none or it was not read.
     pub output_sync: Option<SyncObject>,
@@ -124,7 +126,7 @@ pub struct Device {
 pub struct Esc {
     /// Register 0x0000.
     pub kind: u8,
-    /// What kind that is.
+    /// Name of that kind.
     pub kind_name: String,
     /// Register 0x0001.
     pub revision: u8,
@@ -138,26 +140,26 @@ pub struct Esc {
     pub ram_kib: u8,
     /// Register 0x0008.
     pub features: u16,
-    /// What its bits mean.
+    /// Meaning of its bits.
     pub features_in_words: Vec<String>,
     /// Register 0x0140; null if it did not answer.
     pub pdi: Option<u8>,
-    /// What kind of PDI that is.
+    /// Kind of that PDI.
     pub pdi_name: Option<String>,
-    /// Device emulation (0x0141 bit 0): nobody behind it answers requests of states.
+    /// Device emulation (0x0141 bit 0): no CPU behind the ESC answers requests of states.
     pub device_emulation: bool,
-    /// Distributed clocks by what answers: none, receive-times, 32-bit, 64-bit.
+    /// Distributed clocks by the registers that answer: none, receive-times, 32-bit, 64-bit.
     pub dc: String,
-    /// The SYNC unit is on (0x0141 bit 2).
+    /// Whether the SYNC unit is on (0x0141 bit 2).
     pub sync_unit: bool,
-    /// How long SYNC pulses are, by word 2 of the SII, which becomes register 0x0982; 0 is acknowledge mode. Null where the SYNC
-    /// unit is off or the SII was not read.
+    /// Length of SYNC pulses from word 2 of the SII, which is loaded to register 0x0982; 0 is
+    /// acknowledge mode. Null if the SYNC unit is off or the SII was not read.
     pub sync_pulse_ns: Option<i64>,
-    /// The latch unit is on (0x0141 bit 3).
+    /// Whether the latch unit is on (0x0141 bit 3).
     pub latch_unit: bool,
     /// Register 0x0151; null if it did not answer.
     pub sync_latch: Option<u8>,
-    /// The SYNC/LATCH pins by it.
+    /// The SYNC/LATCH pins by that register.
     pub pins: Vec<String>,
 }
 
@@ -167,19 +169,19 @@ pub struct Esc {
 pub struct Port {
     /// Number, 0 to 3.
     pub port: usize,
-    /// By register 0x0007: none, not configured, EBUS, MII.
+    /// Kind by register 0x0007: none, not configured, EBUS, MII.
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub kind: PortKind,
-    /// A physical link (0x0110).
+    /// Whether there is a physical link (0x0110).
     pub link: bool,
-    /// The loop is closed: frames turn round here (0x0110).
+    /// Whether the loop is closed, so that frames turn around here (0x0110).
     pub loop_closed: bool,
-    /// A signal is received: communication is established (0x0110).
+    /// Whether a signal is received, so that communication is established (0x0110).
     pub signal: bool,
-    /// Frames come in here.
+    /// Whether frames come in here.
     pub entry: bool,
-    /// Position of the SubDevice that hangs on it.
+    /// Position of the SubDevice behind it.
     pub leads_to: Option<usize>,
 }
 
@@ -187,29 +189,29 @@ pub struct Port {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Delay {
-    /// Measured; null if it was not, or can't be known.
+    /// The measured delay; null if it was not measured, or cannot be known.
     pub ns: Option<f64>,
-    /// Half the width of the interval that holds the true delay with a confidence of 95 %: 1.96 standard errors and
-    /// the systematic part.
+    /// Half the width of the interval that holds the true delay with a confidence of 95 %: 1.96
+    /// standard errors and the systematic part.
     pub error_ns: Option<f64>,
-    /// What is left of quantization and noise, 1 sigma.
+    /// The quantization and noise that remain, 1 sigma.
     pub standard_error_ns: Option<f64>,
-    /// What no averaging takes away, as a bound.
+    /// A bound of the errors that averaging does not reduce.
     pub systematic_ns: Option<f64>,
-    /// Why it can't be known; null if it is known or nothing was measured.
+    /// Why it cannot be known; null if it is known or nothing was measured.
     pub unknown: Option<String>,
-    /// The least that the receive times allow, where it can't be known.
+    /// The least value that the receive times allow, if it cannot be known.
     pub least_ns: Option<f64>,
-    /// The most that the receive times allow, where it can't be known.
+    /// The largest value that the receive times allow, if it cannot be known.
     pub most_ns: Option<f64>,
-    /// What was written to register 0x0928; null without clock.
+    /// Value written to register 0x0928; null without clock.
     pub written_ns: Option<i64>,
-    /// How much later than at the SubDevice above frames are processed, with the branches that they visit before;
-    /// null unless both delays are known.
+    /// Time from processing at the SubDevice above to processing here, including the branches that
+    /// frames visit before; null unless both delays are known.
     pub from_parent_ns: Option<f64>,
-    /// Largest less smallest of all latches.
+    /// Largest less smallest value of all latches.
     pub spread_ns: Option<i64>,
-    /// Latches whose times contradicted each other.
+    /// Number of latches with contradictory times.
     pub latches_left_out: u32,
 }
 
@@ -217,13 +219,15 @@ pub struct Delay {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Clock {
-    /// How much faster it runs when nobody leads it, by two latches of receive times; null without them.
+    /// How much faster than the reference clock it runs while it is not led, by two latches of
+    /// receive times; null without them.
     pub speed_ppm: Option<f64>,
-    /// How far off that may be: a tick of 10 ns at either end of either clock.
+    /// Error of that speed: a tick of 10 ns at either end of either clock.
     pub speed_error_ppm: Option<f64>,
-    /// From one latch to the other.
+    /// Time from one latch to the other.
     pub speed_window_ns: Option<i64>,
-    /// Register 0x0932 when the clocks had converged: what the drift loop corrects, in units of its own.
+    /// Register 0x0932 when the clocks had converged: the correction of the drift loop, in its own
+    /// units.
     pub correction: Option<i16>,
     /// Register 0x0930: the bandwidth of the drift loop.
     pub correction_start: Option<u16>,
@@ -235,7 +239,7 @@ pub struct Clock {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SyncManager {
-    /// Number.
+    /// Its number.
     pub number: usize,
     /// First byte in the ESC's memory.
     pub start: u16,
@@ -245,7 +249,7 @@ pub struct SyncManager {
     pub control: u8,
     /// The control byte in words.
     pub control_in_words: String,
-    /// Enabled by the SII.
+    /// Whether the SII enables it.
     pub enabled: bool,
     /// Use by the SII: unused, mailbox out, mailbox in, outputs, inputs.
     pub use_in_sii: String,
@@ -267,7 +271,7 @@ pub struct Mailbox {
     pub send_length: u16,
     /// Protocols.
     pub protocols: Vec<String>,
-    /// What CoE can do.
+    /// CoE services that the SII announces.
     pub coe_details: Vec<String>,
 }
 
@@ -275,21 +279,21 @@ pub struct Mailbox {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct ProcessData {
-    /// Where the assignment was read: objects or SII.
+    /// Source of the assignment: objects or SII.
     pub source: String,
-    /// SyncManager that guards them, the first of several; null without.
+    /// SyncManager that guards them, the first one if there are several; null without.
     pub sync_manager: Option<u8>,
     /// First byte in the ESC's memory.
     pub start: u16,
-    /// Bytes, those of further SyncManagers included.
+    /// Bytes, including those of further SyncManagers.
     pub length: u16,
-    /// SyncManagers behind the first one, in the order of the process image.
+    /// SyncManagers after the first one, in the order of the process image.
     pub further: Vec<Guarded>,
-    /// The PDOs assigned.
+    /// The assigned PDOs.
     pub pdos: Vec<Pdo>,
 }
 
-/// What a further SyncManager guards of the process data.
+/// The part of the process data that a further SyncManager guards.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Guarded {
@@ -301,7 +305,7 @@ pub struct Guarded {
     pub length: u16,
 }
 
-/// A PDO with what is mapped into it.
+/// A PDO with its mapping.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Pdo {
@@ -341,7 +345,7 @@ pub struct SyncObject {
 pub struct SyncEntry {
     /// Sub-index.
     pub sub: u8,
-    /// Its name by ETG.1020, else by the device.
+    /// Its name by ETG.1020, or else by the device.
     pub name: String,
     /// Its value; null if it could not be read or is no number.
     pub value: Option<u32>,
@@ -349,7 +353,7 @@ pub struct SyncEntry {
     pub in_words: String,
     /// Whether it can be written in PREOP; null without SDO information.
     pub writable: Option<bool>,
-    /// What is doubtful in it; null if nothing.
+    /// Doubt about it; null if there is none.
     pub doubt: Option<String>,
 }
 
@@ -359,9 +363,9 @@ pub struct SyncEntry {
 pub struct OpMode {
     /// Word for 0x0980 and 0x0981.
     pub assign_activate: u16,
-    /// What it is for.
+    /// Meaning in words.
     pub in_words: String,
-    /// Cycle time of SYNC0; 0: by the factor.
+    /// Cycle time of SYNC0; 0 if the factor determines it.
     pub sync0_cycle_ns: u32,
     /// Factor of the SYNC0 cycle.
     pub sync0_factor: i16,
@@ -381,6 +385,6 @@ pub struct State {
     pub al_status: String,
     /// Register 0x0134.
     pub al_status_code: u16,
-    /// What that code means.
+    /// Meaning of that code.
     pub al_status_code_name: String,
 }

@@ -1,4 +1,4 @@
-//! Optional services that SubDevices answered badly, as reports tell them.
+//! Optional services that SubDevices answered badly, in reports.
 
 use isocat_maindevice::Service;
 use isocat_maindevice::segment::SubDevice;
@@ -7,7 +7,8 @@ use serde::Serialize;
 
 use super::typed;
 
-/// An optional service that a SubDevice answered badly, and what was taken instead; nothing against the segment.
+/// An optional service that a SubDevice answered badly, and what was used instead; it does not
+/// count against the segment.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct ServiceNote {
@@ -19,7 +20,7 @@ pub struct ServiceNote {
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub service: Service,
-    /// What was answered, with its place, and what was taken instead.
+    /// The answer with its place, and what was used instead.
     pub what: String,
 }
 

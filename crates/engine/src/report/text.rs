@@ -14,10 +14,10 @@ use super::age::{self, DataAge};
 use super::expected;
 use super::{Counters, Device, DeviceRegisters, Finding, Report, Ring, Span, Spread};
 
-/// Findings and SubDevices that a reader wants to see before the rest.
+/// Largest numbers of findings and of SubDevices that are shown.
 const MOST_FINDINGS: usize = 12;
 pub(super) const MOST_DEVICES: usize = 40;
-/// Drawn clocks that a note tells one by one.
+/// Largest number of drawn clocks that a note names individually.
 const MOST_CLOCKS: usize = 6;
 
 /// Heads of the columns with the counters.
@@ -30,8 +30,7 @@ pub(crate) const UNKNOWN: Style = AnsiColor::Yellow.on_default().bold();
 pub(crate) const QUIET: Style = Style::new().dimmed();
 
 impl Report {
-    /// The report as text, with ANSI styles; print it through a stream that strips them where they
-    /// are not wanted.
+    /// The report as text, with ANSI styles; print it through a stream that strips them if needed.
     pub fn text(&self) -> String {
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -239,7 +238,7 @@ impl Report {
 }
 
 impl Report {
-    /// The notes on clocks that the segment file does not give, one for each tolerance.
+    /// The notes on clocks without a value in the segment file, one for each tolerance.
     pub fn drawn_clocks(&self) -> Vec<String> {
         let drawn = self.devices.iter().filter_map(|device| {
             let clock = &device.true_time.clock;
@@ -265,7 +264,7 @@ impl Report {
     }
 }
 
-/// Findings, where the verdict does not tell them all.
+/// Writes the findings, if the verdict does not state them all.
 pub(super) fn write_findings(out: &mut String, findings: &[Finding]) -> fmt::Result {
     if findings.len() > 1 {
         writeln!(out)?;
@@ -282,7 +281,7 @@ pub(super) fn write_findings(out: &mut String, findings: &[Finding]) -> fmt::Res
     write_where_to_read(out, findings)
 }
 
-/// Where to read what the AL status codes among the findings mean.
+/// Writes where to read about the AL status codes of the findings.
 fn write_where_to_read(out: &mut String, findings: &[Finding]) -> fmt::Result {
     let mut codes: Vec<AlStatusCode> = Vec::new();
     for code in findings.iter().filter_map(|finding| finding.kind.al_status_code()) {
@@ -300,7 +299,7 @@ fn write_where_to_read(out: &mut String, findings: &[Finding]) -> fmt::Result {
     Ok(())
 }
 
-/// One item to each note.
+/// Writes one item for each note.
 pub(super) fn write_notes(out: &mut String, notes: &[String]) -> fmt::Result {
     for note in notes {
         for (i, line) in wrap(note, WIDTH - 4).iter().enumerate() {
@@ -318,7 +317,7 @@ impl DeviceRegisters {
     }
 }
 
-/// `0  0  0  0`, and both objects where they differ.
+/// Counters as text: `0  0  0  0`, and both objects if they differ.
 pub(super) fn counters(outputs: &Counters, inputs: &Counters) -> String {
     let show = |c: &Counters| {
         [c.sm_event_missed, c.cycle_time_too_small, c.shift_time_too_short, c.sync_error]
@@ -330,7 +329,7 @@ pub(super) fn counters(outputs: &Counters, inputs: &Counters) -> String {
     if outputs == inputs { outputs } else { format!("{outputs} /{inputs}") }
 }
 
-/// A figure in ns with one decimal, or, if that is too long for its column, in us or ms.
+/// A figure in ns with one decimal, or in us or ms if that is too long for its column.
 fn fits(ns: Option<f64>) -> String {
     let Some(ns) = ns else { return "-".into() };
     match ns.abs() {
@@ -341,7 +340,7 @@ fn fits(ns: Option<f64>) -> String {
     }
 }
 
-/// `412.345 us`: to the nanosecond.
+/// A time to the nanosecond: `412.345 us`.
 fn micros(ns: f64) -> String {
     format!("{:.3} us", ns.floor() / 1000.0)
 }

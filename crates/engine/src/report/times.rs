@@ -5,11 +5,11 @@ use isocat_wire::time::Nanos;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-/// Times that a SubDevice measured on command of 0x1C32:08 and 0x1C33:08; null where it did not.
+/// Times that a SubDevice measured on command of 0x1C32:08 and 0x1C33:08; null if it did not.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct MeasuredTimes {
-    /// 0x1C32:05 and 0x1C33:05, the longer one.
+    /// The longer one of 0x1C32:05 and 0x1C33:05.
     pub minimum_cycle_ns: Option<i64>,
     /// 0x1C32:06.
     pub outputs_calc_and_copy_ns: Option<i64>,
@@ -19,7 +19,7 @@ pub struct MeasuredTimes {
     pub inputs_calc_and_copy_ns: Option<i64>,
     /// 0x1C33:09.
     pub inputs_delay_ns: Option<i64>,
-    /// Whether they were stable at the end; if not, these are the last ones.
+    /// Whether they were stable at the end; if not, they are the last values.
     pub settled: bool,
     /// Host time from the command to the last reading.
     pub after_ns: i64,
@@ -41,7 +41,7 @@ impl From<OwnTimes> for MeasuredTimes {
 }
 
 impl MeasuredTimes {
-    /// The note on them, with the key of a segment file that keeps them.
+    /// The note on them, with the key of a segment file that stores them.
     pub(super) fn note(&self, position: usize) -> String {
         let known = [
             ("minimum_cycle", self.minimum_cycle_ns),

@@ -1,4 +1,4 @@
-//! Typed values as documents show them: views go by the type, readers of the JSON get names.
+//! Typed values in documents: views use the type, readers of the JSON get names.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -37,13 +37,13 @@ pub fn check<S: Serializer>(check: &Check, out: S) -> Result<S::Ok, S::Error> {
 pub enum StateRead {
     /// Register 0x0130.
     Status(AlStatus),
-    /// The SubDevice may be absent, and is.
+    /// The SubDevice may be absent, and is absent.
     Absent,
-    /// The SubDevice was absent, has come and is not admitted yet.
+    /// The SubDevice was absent, has returned and is not admitted yet.
     Joining,
     /// The state could not be read at the end.
     Unknown,
-    /// The scan did not come so far.
+    /// The scan ended before it was read.
     NotScanned,
 }
 
@@ -71,11 +71,12 @@ impl fmt::Display for StateRead {
     }
 }
 
-/// A kind with its figures, as it stands in a document.
+/// A kind with its figures, in a document.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct KindDocument {
-    /// Short name of the kind, for programs: it stays when the sentence changes. docs/findings.md describes each.
+    /// Short name of the kind, for programs: it stays the same when the sentence changes.
+    /// docs/findings.md describes each.
     #[schemars(schema_with = "names")]
     pub kind: &'static str,
     /// The figures of the kind by name; times are nanoseconds.
@@ -83,7 +84,7 @@ pub struct KindDocument {
     pub figures: BTreeMap<String, FigureDocument>,
 }
 
-/// All kinds.
+/// The names of all kinds.
 fn names(_: &mut SchemaGenerator) -> Schema {
     let names: Vec<_> = Kind::descriptions().map(|kind| kind.name).collect();
     json_schema!({ "type": "string", "enum": names })
@@ -96,7 +97,7 @@ pub(super) fn figures(_: &mut SchemaGenerator) -> Schema {
     })
 }
 
-/// A figure, as it stands in a document.
+/// A figure in a document.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 #[serde(untagged)]
 pub enum FigureDocument {
@@ -113,7 +114,7 @@ pub enum FigureDocument {
 }
 
 impl KindDocument {
-    /// Of a kind's name and figures.
+    /// The document of a kind's name and figures.
     pub fn new(kind: &'static str, figures: &Figures) -> Self {
         let document = |figure: &Figure| match figure {
             Figure::Integer(number) => FigureDocument::Integer(*number),

@@ -1,6 +1,6 @@
 //! Sentences of findings: the only place where a kind and its figures become words.
 //!
-//! Nothing reads these sentences but people. Programs, diagnoses and pages go by the kind.
+//! These sentences are for people only. Programs, diagnoses and pages use the kind.
 
 use isocat_maindevice::SegmentChange;
 use isocat_sim::{Judged, Kind};
@@ -9,18 +9,18 @@ use isocat_wire::time::{Nanos, Picos};
 use super::Finding;
 use crate::verdict::Gap;
 
-/// The document that a sentence is for: what is said of one kind depends on who measured it.
+/// The document that contains a sentence: the wording of a kind depends on who measured it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Family {
     /// A run in virtual time.
     Virtual,
     /// A run on a real interface.
     Wire,
-    /// A served segment with a MainDevice from outside.
+    /// A served segment with an external MainDevice.
     Served,
 }
 
-/// The sentence of a finding, with its figures and since when.
+/// The sentence of a finding, with its figures and its time.
 pub fn sentence(kind: &Kind, since: Option<Nanos>, family: Family) -> String {
     let what = what(kind, family);
     match (since, family) {
@@ -235,7 +235,7 @@ fn grown(grew: Option<u32>, value: u32) -> String {
     }
 }
 
-/// What a run came to that is not in sync: its first finding, and how many there are beside it.
+/// The verdict of a run that is not in sync: its first finding, and the number of the others.
 pub(super) fn verdict(findings: &[Finding]) -> Option<String> {
     let (first, others) = findings.split_first()?;
     let others = match others.len() {
@@ -263,13 +263,13 @@ impl Finding {
     }
 }
 
-/// `12.345 s`
+/// A time such as `12.345 s`.
 pub fn seconds(span: Nanos) -> String {
     let ms = span.0 / 1_000_000;
     format!("{}.{:03} s", ms / 1000, ms % 1000)
 }
 
-/// In the unit that reads best.
+/// A time in the unit that reads best.
 pub fn time(span: Picos) -> String {
     match span.0.abs() {
         0..=999_999_999 => us(span),
@@ -278,7 +278,7 @@ pub fn time(span: Picos) -> String {
     }
 }
 
-/// `412.345 us`
+/// A time such as `412.345 us`.
 pub fn us(span: Picos) -> String {
     format!("{:.3} us", span.0 as f64 / 1e6)
 }

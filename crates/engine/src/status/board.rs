@@ -1,8 +1,9 @@
-//! From the loop that keeps a cycle to whoever looks.
+//! Hands a status from the loop that keeps a cycle to its readers.
 //!
-//! There is one status, in place. The loop fills it if nobody is just looking, else it leaves it for the next cycle: it never
-//! waits, and where no text has changed it takes no memory. Who looks takes a copy, which resets what is called
-//! `recent`; what is filled in more often than taken is kept, so that nothing between two looks is missed.
+//! There is one status, filled in place. If a reader holds it, the loop leaves it for the next
+//! cycle. The loop never waits, and allocates only if a text has changed. A reader takes a copy,
+//! which resets the figures called `recent`. If the status is filled more often than it is taken,
+//! values are kept, so that nothing between two reads is lost.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, TryLockError};
@@ -11,40 +12,40 @@ use std::time::Duration;
 use super::main_device::Note;
 use super::{Event, Status};
 
-/// The place where a status stands.
+/// The place of a status, shared by the loop and its readers.
 #[derive(Clone, Debug)]
 pub struct Board(Arc<Mutex<Sheet>>);
 
-/// What stands there.
+/// The content of a board.
 #[derive(Debug)]
 pub struct Sheet {
     /// The status; its `events` are empty, `notes` has them.
     pub status: Status,
-    /// What happened: when, and what.
+    /// Events, each with its time.
     pub notes: VecDeque<(i64, Note)>,
-    /// Notes that were dropped since nobody took them.
+    /// Number of notes that were dropped because no reader took them.
     pub dropped: u64,
-    /// It was taken since it was filled.
+    /// Whether it was taken since it was filled.
     pub taken: bool,
-    /// It was filled since it was taken.
+    /// Whether it was filled since it was taken.
     fresh: bool,
 }
 
-/// Notes that wait to be taken.
+/// Largest number of notes that wait to be taken.
 pub(crate) const MOST_NOTES: usize = 256;
 
 impl Board {
-    /// With a first status.
+    /// A board with a first status.
     pub fn new(status: Status) -> Self {
         let notes = VecDeque::with_capacity(MOST_NOTES);
         Self(Arc::new(Mutex::new(Sheet { status, notes, dropped: 0, taken: true, fresh: true })))
     }
 
-    /// Lets it be filled, unless somebody is just looking; then it is false, and nothing happened.
+    /// Fills the board. If a reader holds it, nothing happens and the result is false.
     pub fn fill(&self, with: impl FnOnce(&mut Sheet)) -> bool {
         let mut sheet = match self.0.try_lock() {
             Ok(sheet) => sheet,
-            // Who looked and died has left it as it was.
+            // A reader that panicked has not changed it.
             Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
             Err(TryLockError::WouldBlock) => return false,
         };
@@ -53,7 +54,7 @@ impl Board {
         true
     }
 
-    /// Nothing more comes; says why, if that is bad news. Waits for whoever is looking.
+    /// Marks the end, with the reason in case of a failure. Waits while a reader holds the board.
     pub fn end(&self, failure: Option<String>) {
         while !self.fill(|sheet| {
             sheet.status.stage = super::Stage::Ended;
@@ -63,10 +64,10 @@ impl Board {
         }
     }
 
-    /// Takes what stands there, if it is new.
+    /// Takes the status, if it is new.
     pub fn take(&self) -> Option<Status> {
         let spare = VecDeque::with_capacity(MOST_NOTES);
-        // Never waiting in the kernel, so that the loop never has to wake anybody.
+        // It does not block on the lock, so that the loop never has to wake a thread.
         let mut sheet = loop {
             match self.0.try_lock() {
                 Ok(sheet) => break sheet,
@@ -95,7 +96,7 @@ impl Board {
 }
 
 impl Sheet {
-    /// Notes what happened; the oldest gives way.
+    /// Adds an event; if the queue is full, the oldest one is dropped.
     pub fn note(&mut self, at_ns: i64, note: Note) {
         if self.notes.len() >= MOST_NOTES {
             self.notes.pop_front();

@@ -1,8 +1,10 @@
-//! True time over a status: SYNC edges as the judges of a simulation define their errors, of late and in operation.
+//! Adds true time to a status: SYNC errors as the judges of a simulation define them, recent ones
+//! and those of the whole operation.
 //!
-//! The judges keep figures of all the time in operation. An [`Onlooker`] sees the same events and has a bench of its own,
-//! which it sets back every time its interval is over: what these judges say is of late. It also takes when the
-//! events of one SubDevice's cycle happen, if somebody looks at that.
+//! The judges keep figures of the whole time in operation. An [`Onlooker`] gets the same events and
+//! has a bench of its own, which it resets at the end of each interval: the figures of that bench
+//! are the recent ones. It also takes the times of the events in one SubDevice's cycle, if asked
+//! to.
 
 use std::collections::VecDeque;
 
@@ -15,18 +17,18 @@ use super::main_device::larger;
 use super::{Error, Margin, Moment, Status};
 use crate::moment;
 
-/// Sees what happens at SubDevices.
+/// Observes the events of SubDevices.
 pub struct Onlooker {
     bench: Bench,
     began: Time<True>,
     kept: VecDeque<Interval>,
     most: usize,
-    /// The SubDevice whose events are timed, and how often its process data travel.
+    /// The SubDevice whose events are timed, and the period of its process data.
     focus: Option<(usize, Nanos)>,
     seen: [Option<Phases>; EVENTS],
 }
 
-/// What the judges said of an interval that is over.
+/// The results of the judges for a past interval.
 struct Interval {
     began: Time<True>,
     /// By position: the largest SYNC error and the least margin, ns.
@@ -35,7 +37,8 @@ struct Interval {
 
 const EVENTS: usize = isocat_sync::Moment::ALL.len();
 
-/// When an event happened within the cycle, ps: the first time, and how far from that on either side.
+/// Times of an event within the cycle, ps: the first one, and the largest distances from it in both
+/// directions.
 #[derive(Clone, Copy)]
 struct Phases {
     base: i128,
@@ -44,7 +47,8 @@ struct Phases {
 }
 
 impl Onlooker {
-    /// For so many SubDevices; `recent` is said of as many intervals, and of the one that is not over.
+    /// An observer of `devices` SubDevices; `recent` figures cover `intervals` past intervals and
+    /// the present one.
     pub fn new(devices: usize, intervals: usize) -> Self {
         Self {
             bench: Bench::new(devices),
@@ -56,7 +60,7 @@ impl Onlooker {
         }
     }
 
-    /// The judging begins.
+    /// Begins the judging.
     pub fn begin(&mut self, at: Time<True>, intent: &Intent) {
         self.bench = Bench::new(self.bench.devices().len());
         self.bench.begin(intent.clone());
@@ -64,19 +68,19 @@ impl Onlooker {
         self.began = at;
     }
 
-    /// Whose events are to be timed, with the distance in which they come again.
+    /// Sets the SubDevice whose events are timed, with their period.
     pub fn look_at(&mut self, focus: Option<(usize, Nanos)>) {
         if self.focus != focus {
             (self.focus, self.seen) = (focus, [None; EVENTS]);
         }
     }
 
-    /// Since when the interval lasts.
+    /// Begin of the present interval.
     pub fn began(&self) -> Time<True> {
         self.began
     }
 
-    /// Something happened.
+    /// Takes an observation.
     pub fn observe(&mut self, segment: &Segment, observation: &Observation) {
         self.bench.observe(segment, observation);
         let Some((focus, cycle)) = self.focus.filter(|(at, _)| *at == observation.device) else {
@@ -109,7 +113,7 @@ impl Onlooker {
         self.began = at;
     }
 
-    /// Puts true time over a status. `judges` have watched since operation began.
+    /// Adds true time to a status. `judges` have watched since operation began.
     pub fn over(&self, status: &mut Status, judges: &Bench) {
         if judges.intent().is_none() {
             return;
@@ -166,8 +170,8 @@ impl Phases {
         (self.least, self.most) = (self.least.min(off), self.most.max(off));
     }
 
-    /// Earliest and latest in ns, in the cycle in which they lie nearest to what was planned; `None` of an event that
-    /// comes all over the cycle, as SYNC0 of subordinated cycles does.
+    /// Earliest and latest time in ns, in the cycle in which they are nearest to the plan; `None`
+    /// for an event that is spread over the whole cycle, as SYNC0 of subordinated cycles is.
     fn near(&self, (earliest, latest): (i64, i64), cycle: Nanos) -> Option<(f64, f64)> {
         let cycle = i128::from(cycle.0.max(1)) * 1000;
         if self.most - self.least > cycle / 4 {
@@ -196,8 +200,8 @@ fn ns(ps: i64) -> f64 {
     ps as f64 / 1e3
 }
 
-/// The moment of an event that is compared with the plan. A fetch of inputs is seen when its frame has passed, and planned from
-/// when it begins: it is left out.
+/// The moment of an event that is compared with the plan. A fetch of inputs is observed when its
+/// frame has passed, but planned from the begin of the frame, so it is left out.
 fn compared(event: Observed) -> Option<isocat_sync::Moment> {
     let moment = moment::of(event).filter(|moment| *moment != isocat_sync::Moment::Sm3)?;
     isocat_sync::Moment::PLANNED.contains(&moment).then_some(moment)

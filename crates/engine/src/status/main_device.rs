@@ -1,8 +1,8 @@
-//! What a MainDevice knows, as a status.
+//! Makes a status from the knowledge of a MainDevice.
 //!
-//! [`Scribe::event`] takes each event, [`Scribe::cycle`] looks at the readings of each cycle, [`Scribe::publish`] fills the board
-//! about ten times a second. All of it is done by the loop that keeps the cycle, so it takes no memory but for what is told
-//! in words, which is rare: the segment has changed.
+//! [`Scribe::event`] takes each event, [`Scribe::cycle`] the readings of each cycle, and
+//! [`Scribe::publish`] fills the board about ten times a second. The loop that keeps the cycle
+//! calls all of them, so they allocate only for texts. These are rare: the segment has changed.
 
 use std::collections::VecDeque;
 
@@ -17,24 +17,24 @@ use super::board::{Board, MOST_NOTES, Sheet};
 use super::names::servo_name;
 use super::{Counter, Device, Error, Margin, Moment, Status, Words};
 
-/// Writes down what a MainDevice knows.
+/// Fills a board from a MainDevice.
 pub struct Scribe {
     board: Board,
     names: Vec<String>,
-    /// By position: it may be absent.
+    /// Whether it may be absent, by position.
     optional: Vec<bool>,
-    /// When the board was filled last, and when it is to be filled again.
+    /// Time of the last filling of the board, and of the next one.
     filled_ns: i64,
     due_ns: i64,
     began_ns: Option<i64>,
-    /// By position.
+    /// Readings of each clock, by position.
     marks: Vec<Mark>,
     locks_lost: u64,
     /// The stage of the way up.
     stage: Stage,
-    /// By position: states on the way up, when the segment is not known as a whole.
+    /// States on the way up, by position, while the segment is not completely known.
     states: Vec<(AlStatus, AlStatusCode)>,
-    /// Cycle whose readings were looked at last.
+    /// The last cycle whose readings were taken.
     cycle: u64,
     skip_told_ns: Option<i64>,
     notes: VecDeque<(i64, Note)>,
@@ -51,15 +51,15 @@ struct Mark {
     count: u64,
 }
 
-/// From one filling of the board to the next.
+/// Time from one filling of the board to the next.
 pub const EVERY: Nanos = Nanos::millis(100);
 /// Host time between two notes of skipped cycles.
 const SKIPS_APART: i64 = 1_000_000_000;
-/// Cycles without a drift frame that are told.
+/// Least number of cycles without a drift frame that is reported.
 const UNLED: u64 = 100;
 
 impl Scribe {
-    /// Fills this board for a MainDevice that is asked for this.
+    /// Fills this board for a MainDevice with this configuration.
     pub fn new(board: Board, config: &Config) -> Self {
         Self {
             board,
@@ -84,7 +84,7 @@ impl Scribe {
         &self.board
     }
 
-    /// Something happened.
+    /// Takes an event.
     pub fn event(&mut self, at_ns: i64, event: &Event) {
         match event {
             Event::Progress(stage) => self.stage = *stage,
@@ -119,7 +119,7 @@ impl Scribe {
         self.notes.push_back((at_ns, note));
     }
 
-    /// Looks at what was read since the last cycle. Cheap, so that it can be done in each.
+    /// Takes the readings since the last cycle. It is cheap enough to be called in each cycle.
     pub fn cycle(&mut self, main: &MainDevice) {
         let cycle = main.statistics().cycles;
         if cycle == std::mem::replace(&mut self.cycle, cycle) || self.began_ns.is_none() {
@@ -137,13 +137,13 @@ impl Scribe {
         }
     }
 
-    /// Whether the board is to be filled.
+    /// Whether the board is due to be filled.
     pub fn is_due(&self, at_ns: i64) -> bool {
         at_ns >= self.due_ns
     }
 
-    /// Fills the board, unless somebody is just looking at it: then it is for the next cycle. `over` puts over it what
-    /// others know better, and is told whether the last status was taken.
+    /// Fills the board; if a reader holds it, the next cycle does it. `over` adds better figures
+    /// from elsewhere, and gets whether the last status was taken.
     pub fn publish(
         &mut self,
         at_ns: i64,
@@ -191,7 +191,7 @@ impl Scribe {
         host.rate_ppm = main.rate_ppb().map(|ppb| ppb as f64 / 1e3);
         host.cycles = counts.cycles;
         host.frames_sent = counts.frames_sent;
-        // Of those that are late only it was not known that they would come.
+        // Frames that are only late may still come.
         host.frames_lost = counts.frames_missed();
         host.working_counter_errors = counts.working_counter_errors;
         host.cycles_skipped = counts.cycles_skipped;
@@ -202,7 +202,7 @@ impl Scribe {
     fn fill_devices(&mut self, status: &mut Status, taken: bool, main: &MainDevice) {
         let segment = main.segment();
         let count = match segment.devices.len() {
-            // On the way up the segment is not told before it is known as a whole.
+            // On the way up the segment is not reported before it is completely known.
             0 => self.states.len().max(self.names.len()),
             count => count,
         };
@@ -266,7 +266,7 @@ impl Mark {
     }
 }
 
-/// The larger of two, of which any may not be there.
+/// The larger of two values, each of which may be missing.
 pub(super) fn larger(one: Option<f64>, other: Option<f64>) -> Option<f64> {
     match (one, other) {
         (Some(one), Some(other)) => Some(one.max(other)),
@@ -274,7 +274,7 @@ pub(super) fn larger(one: Option<f64>, other: Option<f64>) -> Option<f64> {
     }
 }
 
-/// What was read in the background of one SubDevice.
+/// Takes the background reads of one SubDevice.
 fn read(device: &mut Device, snapshot: &Snapshot<'_>) {
     let position = device.position;
     let clock = snapshot.clocks.iter().find(|clock| clock.position == position);
@@ -319,7 +319,7 @@ fn moments(main: &MainDevice, position: usize) -> Vec<Moment> {
     isocat_sync::Moment::PLANNED.into_iter().filter_map(line).collect()
 }
 
-/// Few words for a column.
+/// A short text for a column.
 pub(crate) fn alarm_words(alarm: Alarm) -> &'static str {
     match alarm {
         Alarm::Difference => "clock off",
@@ -333,39 +333,39 @@ pub(crate) fn alarm_words(alarm: Alarm) -> &'static str {
     }
 }
 
-/// What happened, to be put into words by who takes it.
+/// An event, which the reader puts into words.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Note {
     /// A stage begins.
     Stage(Stage),
-    /// All are in OP.
+    /// All SubDevices are in OP.
     InOperation,
-    /// A state changed; `true`: in operation.
+    /// A state changed; `true` means in operation.
     State(usize, AlStatus, AlStatusCode, bool),
-    /// An alarm came or went.
+    /// An alarm was raised or cleared.
     Alarm(Change),
-    /// A datagram of process data counts otherwise: chunk, expected, found.
+    /// The working counter of a datagram of process data is wrong: chunk, expected, found.
     WorkingCounter(usize, u16, u16),
-    /// It counts right again, after so many cycles.
+    /// The working counter is right again, after this number of cycles.
     Restored(usize, u64),
-    /// Another number of clocks took the drift frame: expected, found.
+    /// A wrong number of clocks received the drift frame: expected, found.
     Drift(u16, u16),
-    /// Clocks are not led for so many cycles, 0: are led again.
+    /// Number of cycles in which clocks have not been led; 0 means that they are led again.
     Unled(u64),
-    /// So many cycles were skipped, being so late.
+    /// Number of cycles that were skipped, and the lateness.
     Skipped(u64, Nanos),
-    /// The servo.
+    /// The state of the servo changed.
     Phase(phase::State),
-    /// Another number of SubDevices answers: expected, found.
+    /// The number of SubDevices that answer changed: expected, found.
     Count(u16, u16),
     /// An emergency: position and error code.
     Emergency(usize, u16),
-    /// In words.
+    /// An event in words: position, text, and whether it is bad.
     Told(Option<usize>, String, bool),
 }
 
 impl Note {
-    /// The note of an event; `None` for what is counted only.
+    /// The note of an event; `None` for one that is only counted.
     fn of(event: &Event, in_operation: bool) -> Option<Self> {
         Some(match event {
             Event::Progress(stage) => Note::Stage(*stage),
@@ -446,6 +446,6 @@ impl From<(i64, Note)> for super::Event {
     }
 }
 
-/// The entries that count, in the order of [`Device::outputs`].
+/// The counters in the order of [`Device::outputs`].
 const SUBS: [u8; 4] =
     [sub::SM_EVENT_MISSED, sub::CYCLE_TIME_TOO_SMALL, sub::SHIFT_TIME_TOO_SHORT, sub::SYNC_ERROR];

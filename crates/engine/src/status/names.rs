@@ -1,4 +1,5 @@
-//! Typed values as their names, in both directions: a status is written by one program and read by another.
+//! Typed values as their names, in both directions: a status is written by one program and read by
+//! another.
 
 use isocat_sync::phase;
 
@@ -17,7 +18,7 @@ pub mod moment {
     }
 }
 
-/// Where the segment is on its way.
+/// The stage of the segment.
 pub mod stage {
     use serde::{Deserialize, Deserializer, Serializer};
 
@@ -33,7 +34,7 @@ pub mod stage {
     }
 }
 
-/// AL state; what is none is unknown.
+/// AL state; an invalid one is unknown.
 pub mod al_state {
     use isocat_wire::AlState;
     use serde::{Deserialize, Deserializer, Serializer};

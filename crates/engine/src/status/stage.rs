@@ -1,10 +1,10 @@
-//! Where a segment is on its way.
+//! Stages of a segment, from its way up to its end.
 
 use std::fmt;
 
 use isocat_maindevice as maindevice;
 
-/// Where a segment is on its way.
+/// The stage of a segment.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Stage {
     /// Nothing was done yet.
@@ -13,11 +13,11 @@ pub enum Stage {
     Up(maindevice::Stage),
     /// A served segment: no frames come.
     NoMainDevice,
-    /// A served segment: a MainDevice from outside brings it up.
+    /// A served segment: an external MainDevice brings it up.
     BroughtUp,
-    /// All SubDevices that were asked for are in OP.
+    /// All requested SubDevices are in OP.
     InOperation,
-    /// Nothing more comes.
+    /// It has ended, so that nothing more follows.
     Ended,
 }
 

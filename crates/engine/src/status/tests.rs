@@ -48,12 +48,12 @@ fn a_board_gives_each_status_once_and_never_makes_the_loop_wait() {
         assert!(sheet.taken);
         sheet.note(5, Note::InOperation);
     }));
-    // The next one knows that the last was not taken, so that nothing is lost.
+    // The next filling knows that the last status was not taken, so that nothing is lost.
     assert!(board.fill(|sheet| assert!(!sheet.taken)));
     let taken = board.take().expect("it is new");
     assert_eq!(taken.events.len(), 1);
     assert_eq!((taken.events[0].at_ns, taken.events[0].bad), (5, false));
-    // Who looks holds it: the loop goes on, and fills it later.
+    // While a reader holds the board the loop goes on, and fills it later.
     let filled = std::cell::Cell::new(None);
     board.fill(|_| filled.set(Some(board.fill(|_| {}))));
     assert_eq!(filled.get(), Some(false));

@@ -1,4 +1,4 @@
-//! What a status comes to, in a line.
+//! The verdict of a status, in one line.
 
 use isocat_sync::phase;
 use isocat_wire::AlState;
@@ -6,17 +6,17 @@ use isocat_wire::AlState;
 use super::names::servo_name;
 use super::{Device, Stage, Status};
 
-/// Whether the segment is as it was asked to be, now.
+/// Whether the segment is as requested at present.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Verdict {
-    /// It is.
+    /// Whether it is as requested.
     pub good: bool,
-    /// In words.
+    /// The verdict in words.
     pub words: String,
 }
 
 impl Status {
-    /// What speaks against the segment now, the worst first; if nothing does, that it is in sync.
+    /// The faults of the segment at present, the worst first; without faults, that it is in sync.
     pub fn verdict(&self) -> Verdict {
         if self.has_ended() {
             let why = self.failure.as_deref().unwrap_or(Stage::Ended.name());
@@ -31,7 +31,7 @@ impl Status {
         }
     }
 
-    /// What speaks against the segment now.
+    /// The faults of the segment at present.
     pub fn doubts(&self) -> impl Iterator<Item = String> + '_ {
         let states = self.devices.iter().filter(|device| !device.is_in_op());
         let states = states.map(|device| {
@@ -75,7 +75,7 @@ impl Device {
     }
 }
 
-/// `SubDevice 2 (axis 3)`
+/// The place as text, such as `SubDevice 2 (axis 3)`.
 pub fn place(device: &Device) -> String {
     match device.name.is_empty() {
         true => format!("SubDevice {}", device.position),

@@ -1,4 +1,4 @@
-//! What is varied: a key of the segment file, and its values.
+//! A varied parameter: a key of the segment file, and its values.
 
 use isocat_descriptions::quantity::parse_duration;
 use isocat_sim::random::Stream;
@@ -7,7 +7,7 @@ use toml::{Table, Value};
 /// A key and its values.
 #[derive(Clone, Debug)]
 pub struct Axis {
-    /// The key, as it was asked for.
+    /// The key, as the caller wrote it.
     pub key: String,
     path: Vec<Step>,
     values: Values,
@@ -19,15 +19,16 @@ enum Step {
     Key(String),
     /// One of several tables.
     At(usize),
-    /// Each of them.
+    /// Each of several tables.
     All,
 }
 
 #[derive(Clone, Debug)]
 enum Values {
-    /// Each makes a point of the grid.
+    /// Each value makes a point of the grid.
     List(Vec<String>),
-    /// Drawn in each run and for each place, evenly: the ends in thousandths of the unit, and the unit.
+    /// Drawn evenly in each run and for each place: the ends in thousandths of the unit, and the
+    /// unit.
     Drawn { least: i64, most: i64, unit: String },
 }
 
@@ -66,7 +67,7 @@ impl Axis {
         Ok(Self { key, path, values: Values::List(values) })
     }
 
-    /// How many points it adds to the grid.
+    /// Number of points that it adds to the grid.
     pub fn values(&self) -> u64 {
         match &self.values {
             Values::List(list) => list.len() as u64,
@@ -74,7 +75,7 @@ impl Axis {
         }
     }
 
-    /// The values that make points of the grid; `None` where they are drawn.
+    /// The values that make points of the grid; `None` if they are drawn.
     pub fn list(&self) -> Option<&[String]> {
         match &self.values {
             Values::List(list) => Some(list),
@@ -82,8 +83,8 @@ impl Axis {
         }
     }
 
-    /// How large the values of a list are, to put them in order: durations, or numbers of one unit. `None` where they are
-    /// neither.
+    /// Sizes of the values of a list, to sort them: durations, or numbers of one unit. `None` if
+    /// they are neither.
     pub fn sizes(&self) -> Option<Vec<f64>> {
         let list = self.list()?;
         let duration = |text: &String| parse_duration(text).ok().map(|time| time.0 as f64);
@@ -102,7 +103,7 @@ impl Axis {
         self.list().is_some_and(|list| list.iter().all(|text| text.parse::<i64>().is_ok()))
     }
 
-    /// The ends of a range, in thousandths of its unit.
+    /// The ends of a range, in thousandths of its unit; `None` for a list.
     pub(super) fn ends(&self) -> Option<(i64, i64)> {
         match &self.values {
             Values::List(_) => None,
@@ -110,8 +111,8 @@ impl Axis {
         }
     }
 
-    /// The smallest step within a range that a key takes, in thousandths of its unit: the smallest units are whole, and so are
-    /// numbers without a unit whose ends are.
+    /// The smallest step of a key within a range, in thousandths of its unit. The smallest units
+    /// have whole numbers only, and so do numbers without a unit between whole ends.
     pub(super) fn step(&self) -> i64 {
         match &self.values {
             Values::Drawn { least, most, unit } => {
@@ -123,7 +124,7 @@ impl Axis {
         }
     }
 
-    /// The same key with one value of its range, in thousandths of its unit.
+    /// The same key with one value from its range, in thousandths of its unit.
     pub(super) fn at(&self, size: i64) -> Self {
         let unit = match &self.values {
             Values::Drawn { unit, .. } => unit.as_str(),
@@ -133,7 +134,7 @@ impl Axis {
         Self { key: self.key.clone(), path: self.path.clone(), values }
     }
 
-    /// Writes the value into a file; gives it as rows tell it.
+    /// Writes the value into a file; returns it as rows show it.
     pub(super) fn apply(
         &self,
         table: &mut Table,
@@ -163,7 +164,7 @@ impl Axis {
     }
 }
 
-/// `subdevice[*].cable`, `host.jitter`, `fault[0].what`.
+/// Parses a key such as `subdevice[*].cable`, `host.jitter` or `fault[0].what`.
 fn path(key: &str) -> Result<Vec<Step>, String> {
     let mut path = Vec::new();
     for part in key.split('.') {
@@ -226,7 +227,7 @@ fn set(
     }
 }
 
-/// A value as TOML has it; what is none is a text.
+/// A value as TOML; if it is not TOML, a string.
 fn scalar(text: &str) -> Value {
     let line = format!("value = {text}");
     let parsed = line.parse::<Table>().ok().and_then(|mut table| table.remove("value"));
@@ -235,7 +236,7 @@ fn scalar(text: &str) -> Value {
 
 fn drawn(least: &str, most: &str) -> Result<Values, String> {
     let ((mut low, mut unit), (mut high, mut other)) = (quantity(least)?, quantity(most)?);
-    // Durations of two units are both in the smallest one.
+    // If the durations have two units, both are converted to the smallest one.
     if let (true, Ok(from), Ok(to)) = (unit != other, parse_duration(least), parse_duration(most)) {
         (low, high) = (from.0.saturating_mul(1_000), to.0.saturating_mul(1_000));
         (unit, other) = ("ns".to_owned(), "ns".to_owned());
@@ -265,7 +266,7 @@ fn thousandths(number: i64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// A number of a name that stays the same for ever.
+/// A hash of a name that never changes between versions.
 fn fnv(text: &str) -> u64 {
     text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)

@@ -1,4 +1,4 @@
-//! The edge of a value: where runs stop being as expected.
+//! Finds the limit of a value, where runs stop being as expected.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -6,36 +6,38 @@ use isocat_segment::SegmentFile;
 
 use super::{Axis, Outcome, Sweep};
 
-/// A value, and what its runs came to.
+/// A value, and the result of its runs.
 #[derive(Clone, Debug)]
 pub struct Tried {
     /// The value, as `--vary` takes it.
     pub value: String,
     /// The value in thousandths of its unit.
     size: i64,
-    /// The first run that was not as expected: its seed and what became of it. `None`: all were.
+    /// The first run that was not as expected: its seed and outcome. `None` if all were as
+    /// expected.
     pub failed: Option<(u64, Outcome)>,
 }
 
-/// What is known of a range of values.
+/// The result for a range of values.
 #[derive(Clone, Debug)]
 pub struct Bisection {
     /// The key.
     pub key: String,
-    /// Runs at each value; fewer where one was not as expected.
+    /// Runs at each value; fewer if one was not as expected.
     pub runs: u64,
-    /// All values that were tried, from the smallest.
+    /// All tried values, from the smallest.
     pub tried: Vec<Tried>,
 }
 
-/// Even parts of the range whose ends are tried first, so that an edge that is not the only one is seen.
+/// Number of equal parts of the range whose ends are tried first, so that further limits are
+/// noticed.
 const PARTS: i64 = 8;
-/// An edge is told to this part of the range.
+/// A limit is found to this fraction of the range.
 const FINEST: i64 = 1_000;
 
 impl Bisection {
-    /// Where neighbours that were tried differ: the places of both sides in `tried`. One edge: the runs are as
-    /// expected on one side of it, as far as was seen. More: the key is not monotonic.
+    /// Indices in `tried` of neighbours with different results. With one limit, the runs are as
+    /// expected on one side of it, as far as was tried. With more, the key is not monotonic.
     pub fn edges(&self) -> Vec<(usize, usize)> {
         let places = 1..self.tried.len();
         let is_edge = |place: &usize| {
@@ -46,10 +48,11 @@ impl Bisection {
 }
 
 impl Sweep {
-    /// Looks for the value of a key (`host.jitter=5us..500us`) at which runs stop being as expected: the ends and seven values
-    /// between them, then by halves between the first two neighbours that differ, down to a thousandth of the range or the
-    /// smallest step of the unit. At each value all seeds and points of the grid are run, on so many threads, until one
-    /// is not as expected. `each` is told of each value.
+    /// Looks for the value of a key (`host.jitter=5us..500us`) at which runs stop being as
+    /// expected. It tries the ends and seven values between them, then bisects between the first
+    /// two neighbours that differ, down to a thousandth of the range or the smallest step of the
+    /// unit. At each value all seeds and points of the grid are run, on several threads, until one
+    /// is not as expected. `each` gets each value.
     pub fn bisect(
         &self,
         text: &str,
@@ -100,7 +103,7 @@ impl Sweep {
         let axis = axis.at(size);
         let value = axis.list().and_then(<[String]>::first).cloned().unwrap_or_default();
         sweep.axes.push(axis);
-        // A value that the file's reader refuses is no run that fails.
+        // A value that the file's reader refuses is an error, not a failed run.
         let case = sweep.case(0)?;
         SegmentFile::parse(&sweep.path, &case.text)
             .map_err(|error| format!("{value} is no value of the key: {error}"))?;
@@ -118,7 +121,7 @@ impl Sweep {
     }
 }
 
-/// The nearest whole step that is not larger.
+/// The largest whole step that is not larger than `size`.
 fn nearest(size: i64, step: i64) -> i64 {
     size.div_euclid(step) * step
 }

@@ -1,4 +1,4 @@
-//! What a run comes to, in some 200 bytes.
+//! The result of a run, in some 200 bytes.
 
 use std::collections::BTreeMap;
 
@@ -8,28 +8,29 @@ use isocat_sim::Tap;
 
 use super::{Axis, Case};
 
-/// What became of a run.
+/// The outcome of a run.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Outcome {
-    /// `in-sync`, `not-in-sync`, `not-up` (the way up failed), `refused` (the file or the plan) or `panicked`.
+    /// `in-sync`, `not-in-sync`, `not-up` (the way up failed), `refused` (the file or the plan) or
+    /// `panicked`.
     pub verdict: &'static str,
-    /// Whether it was as expected: by the file's expectations, or in sync where there are none.
+    /// Whether it was as expected: by the file's expectations, or else by being in sync.
     pub as_expected: bool,
     /// Kind of the first finding.
     pub finding: Option<String>,
     /// The SubDevice that it names.
     pub device: Option<usize>,
-    /// From power-on until all SubDevices were in OP, ns.
+    /// Time from power-on until all SubDevices were in OP, ns.
     pub in_operation_ns: Option<i64>,
     /// The largest SYNC0 error, ps.
     pub worst_sync0_ps: Option<i64>,
     /// The least margin of outputs before their pulse, ns.
     pub least_margin_ns: Option<i64>,
-    /// The largest age of outputs when they acted, ns.
+    /// The largest age of outputs at their effect, ns.
     pub outputs_age_ns: Option<i64>,
-    /// How often SubDevices were out of sync.
+    /// Number of times that SubDevices were out of sync.
     pub stretches: usize,
-    /// For how long, all in all, ns.
+    /// Sum of these times, ns.
     pub out_of_sync_ns: i64,
     /// SubDevices that were out of sync at the end.
     pub lost_at_end: usize,
@@ -109,8 +110,8 @@ impl Outcome {
         }
     }
 
-    /// What speaks against the run, in a word: its first finding; of a run without any `expectation`, where only that did
-    /// not come true, else its verdict.
+    /// The reason against the run, in a word: its first finding; `expectation` if it was in sync
+    /// but not as expected; otherwise its verdict.
     pub fn name(&self) -> &str {
         match (&self.finding, self.verdict) {
             (Some(finding), _) => finding,
@@ -119,14 +120,14 @@ impl Outcome {
         }
     }
 
-    /// Whether two runs came to the same kind of end.
+    /// Whether two runs ended in the same way.
     pub fn is_like(&self, other: &Self) -> bool {
         (self.verdict, self.as_expected, &self.finding)
             == (other.verdict, other.as_expected, &other.finding)
     }
 }
 
-/// A run of a sweep and what it came to.
+/// A run of a sweep and its outcome.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Row {
     /// Its number in the sweep, from 0.
@@ -135,7 +136,7 @@ pub struct Row {
     pub seed: u64,
     /// The value of each axis.
     pub values: Vec<String>,
-    /// What it came to.
+    /// Its outcome.
     pub outcome: Outcome,
 }
 
@@ -144,7 +145,7 @@ impl Row {
         Self { number, seed: case.seed, values: case.values.clone(), outcome }
     }
 
-    /// The columns behind those of the axes: name, kind, and whether a cell may be empty.
+    /// The columns after those of the axes: name, kind, and whether a cell may be empty.
     pub const COLUMNS: [(&'static str, Kind, bool); 12] = [
         ("verdict", Kind::Text, false),
         ("as_expected", Kind::Flag, false),
@@ -181,30 +182,31 @@ impl Row {
     }
 }
 
-/// What many runs come to.
+/// Totals of many runs.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Totals {
-    /// Runs.
+    /// Number of runs.
     pub runs: u64,
-    /// Runs that were as expected.
+    /// Number of runs that were as expected.
     pub as_expected: u64,
-    /// Runs by verdict.
+    /// Number of runs by verdict.
     pub verdicts: BTreeMap<&'static str, u64>,
-    /// Runs that were not as expected by the kind of their first finding.
+    /// Number of runs that were not as expected, by the kind of their first finding.
     pub findings: BTreeMap<String, u64>,
-    /// By axis and value: runs, and those that were as expected.
+    /// By axis and value: number of runs, and of those that were as expected.
     pub values: BTreeMap<(usize, String), (u64, u64)>,
-    /// The first that were not as expected: number and seed.
+    /// The first runs that were not as expected: number and seed.
     pub failed: Vec<(u64, u64)>,
 }
 
-/// Failed runs that totals name.
+/// Largest number of failed runs in totals.
 const MOST_FAILED: usize = 10;
-/// Values of an axis that totals tell apart.
+/// Largest number of values of an axis in totals.
 const MOST_VALUES: usize = 1_000;
 
 impl Totals {
-    /// The values of an axis of the grid in their order, with runs and those as expected.
+    /// The values of an axis of the grid in their order, with the number of runs and of those as
+    /// expected.
     pub fn of_axis<'a>(
         &'a self,
         number: usize,
@@ -216,7 +218,7 @@ impl Totals {
         axis.list().unwrap_or_default().iter().filter_map(counts)
     }
 
-    /// Counts a row.
+    /// Adds a row.
     pub fn add(&mut self, row: &Row) {
         let good = row.outcome.as_expected;
         self.runs += 1;

@@ -1,4 +1,5 @@
-//! A run that fails, made small: as few faults, devices and keys, as little time and as small numbers as still fail the same way.
+//! Reduces a run that fails to as few faults, devices and keys, and to as little time and as small
+//! numbers as still fail the same way.
 
 use std::ops::Range;
 
@@ -6,15 +7,15 @@ use isocat_descriptions::quantity::parse_duration;
 use isocat_wire::time::Nanos;
 use toml::{Table, Value};
 
-/// Tries of one shrinking.
+/// Largest number of tries.
 const MOST_TRIES: usize = 400;
 
-/// What is made smaller, in this order: what takes most away stands first. Each gives files that are a little smaller, the
-/// most promising ones first.
+/// The ways to reduce, in this order: those with the largest effect first. Each gives files that
+/// are a little smaller, the most promising ones first.
 const WAYS: [fn(&Table) -> Vec<Table>; 5] =
     [fewer_faults, fewer_devices, less_time, fewer_keys, smaller_numbers];
 
-/// The smallest file that was found for which `fails_alike` holds, as it does for `text`.
+/// The smallest file found for which `fails_alike` holds, as it does for `text`.
 pub fn shrink(text: &str, mut fails_alike: impl FnMut(&str) -> bool) -> String {
     let Ok(mut best) = text.parse::<Table>() else { return text.to_owned() };
     let mut tries = 0;
@@ -28,14 +29,14 @@ pub fn shrink(text: &str, mut fails_alike: impl FnMut(&str) -> bool) -> String {
                 (best, is_smaller) = (smaller, true);
             }
         }
-        // One way may open another: a device can go once no fault is about it.
+        // One way may open another: a device can be removed once no fault names it.
         if !is_smaller || tries > MOST_TRIES {
             return best.to_string();
         }
     }
 }
 
-/// Half of the faults, each half; then without one.
+/// Files with half of the faults, then files without one.
 fn fewer_faults(table: &Table) -> Vec<Table> {
     let count = count(table, "fault");
     let mut all = Vec::new();
@@ -47,7 +48,8 @@ fn fewer_faults(table: &Table) -> Vec<Table> {
     all
 }
 
-/// Half of the devices, then without one; at least one stays. Faults go on meaning the device that they meant.
+/// Files with half of the devices, then files without one; at least one stays. Faults still name
+/// the same device.
 fn fewer_devices(table: &Table) -> Vec<Table> {
     let count = count(table, "subdevice");
     let mut all = Vec::new();
@@ -61,7 +63,7 @@ fn fewer_devices(table: &Table) -> Vec<Table> {
     all
 }
 
-/// A shorter run, of whole cycles.
+/// Files with a shorter run of whole cycles.
 fn less_time(table: &Table) -> Vec<Table> {
     let time =
         |key: &str| table.get(key).and_then(Value::as_str).and_then(|t| parse_duration(t).ok());
@@ -81,8 +83,9 @@ fn less_time(table: &Table) -> Vec<Table> {
         .collect()
 }
 
-/// Without one key: of the root, of the host, of a device or of a fault, and without one of several expectations. What the file
-/// can't be without, its reader refuses, and a file that is refused fails otherwise.
+/// Files without one key of the root, of the host, of a device or of a fault, and without one of
+/// several expectations. If the file needs the key, its reader refuses it, and a refused file fails
+/// differently.
 fn fewer_keys(table: &Table) -> Vec<Table> {
     const KEPT: [&str; 5] = ["cycle", "for", "seed", "device", "esi"];
     let mut all = Vec::new();
@@ -125,7 +128,8 @@ fn fewer_keys(table: &Table) -> Vec<Table> {
     all
 }
 
-/// Faults that come earlier, last shorter, are fewer or weaker: each number of a fault halved, then rounded.
+/// Files with faults that come earlier, last shorter, are fewer or weaker: each number of a fault
+/// is halved, then rounded.
 fn smaller_numbers(table: &Table) -> Vec<Table> {
     let mut all = Vec::new();
     for fault in 0..count(table, "fault") {
@@ -133,7 +137,7 @@ fn smaller_numbers(table: &Table) -> Vec<Table> {
             let Some(text) = text_of(table, "fault", fault, key) else { continue };
             let words: Vec<&str> = text.split(' ').collect();
             let device = if key == "what" { device_word(&words) } else { None };
-            // Not "+ 50ms": at once.
+            // Without "+ 50ms", at once.
             if let ("at", [base, "+", _]) = (key, &words[..]) {
                 all.push(with(table, |table| {
                     if let Some(item) = item_mut(table, "fault", fault) {
@@ -157,7 +161,8 @@ fn smaller_numbers(table: &Table) -> Vec<Table> {
     all
 }
 
-/// Smaller numbers of the same unit: half of it, then itself, each rounded down to 1, 2 or 5 and zeros.
+/// Smaller numbers of the same unit: half of it, then itself, each rounded down to 1, 2 or 5 and
+/// zeros.
 fn smaller(word: &str) -> Vec<String> {
     let (sign, rest) = match word.strip_prefix(['+', '-']) {
         Some(rest) if !rest.is_empty() => word.split_at(word.len() - rest.len()),
@@ -185,7 +190,7 @@ fn smaller(word: &str) -> Vec<String> {
     }
 }
 
-/// The largest number of 1, 2 or 5 and zeros that is not larger.
+/// The largest number of the form 1, 2 or 5 and zeros that is not larger.
 fn round(number: i64) -> i64 {
     let mut power = 1;
     while power <= number / 10 {
@@ -200,7 +205,7 @@ fn duration_text(ns: i64) -> String {
     unit.map_or(format!("{ns}ns"), |(unit, name)| format!("{}{name}", ns / unit))
 }
 
-/// The words of faults behind which the SubDevice stands that they are about.
+/// First words of faults that are followed by their SubDevice.
 const ABOUT_A_DEVICE: [&str; 14] = [
     "pull",
     "plug",
@@ -218,7 +223,7 @@ const ABOUT_A_DEVICE: [&str; 14] = [
     "sync-off",
 ];
 
-/// The place of the word that means a SubDevice by its position.
+/// The index of the word that names a SubDevice by its position.
 fn device_word(words: &[&str]) -> Option<usize> {
     let place = match words.first()? {
         first if ABOUT_A_DEVICE.contains(first) || *first == "al-error" => 1,
@@ -227,7 +232,7 @@ fn device_word(words: &[&str]) -> Option<usize> {
     words.get(place).filter(|word| word.parse::<usize>().is_ok()).map(|_| place)
 }
 
-/// Takes devices out; the positions of those behind are lower then.
+/// Removes devices, and reduces the positions of those behind them.
 fn without_devices(table: &Table, places: Range<usize>) -> Table {
     let mut smaller = without(table, "subdevice", places.clone());
     for fault in 0..count(table, "fault") {

@@ -1,11 +1,12 @@
-//! What many runs come to beside their totals: how large figures were, and where a grid holds. Bounded, however many runs there are.
+//! Summaries of many runs beyond their totals: sizes of figures, and the limits in a grid. Their
+//! memory is bounded, however many runs there are.
 
 use std::collections::BTreeMap;
 
 use super::{Axis, Outcome, Row, Sweep};
 
-/// Counts by size, in at most 64 bins of one width: a power of two, the least with which all values have a bin. So
-/// the bins do not depend on the order of the values.
+/// Counts by size, in at most 64 bins of one width. The width is the smallest power of two that
+/// suffices for all values, so the bins do not depend on the order of the values.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Counts {
     /// The width is 2 to this power.
@@ -15,7 +16,7 @@ pub struct Counts {
     ends: Option<(i64, i64)>,
 }
 
-/// Most bins between the least and the largest value.
+/// Largest number of bins between the least and the largest value.
 const MOST_BINS: i64 = 64;
 
 impl Counts {
@@ -34,7 +35,7 @@ impl Counts {
         *self.bins.entry(value >> self.power).or_default() += 1;
     }
 
-    /// How many values there were.
+    /// Number of values.
     pub fn count(&self) -> u64 {
         self.count
     }
@@ -44,7 +45,7 @@ impl Counts {
         self.ends
     }
 
-    /// Bins that are not empty: from, to (not included), and how many values; in the order of size.
+    /// Bins that are not empty: from, to (exclusive), and number of values; in the order of size.
     pub fn bins(&self) -> impl Iterator<Item = (i64, i64, u64)> {
         let edge = |bin: i64| bin.saturating_mul(1 << self.power);
         self.bins.iter().map(move |(bin, count)| (edge(*bin), edge(bin + 1), *count))
@@ -56,14 +57,14 @@ impl Counts {
 pub struct Measure {
     /// Its column in rows.
     pub name: &'static str,
-    /// What it is.
+    /// Its description.
     pub title: &'static str,
-    /// Its units in a nanosecond.
+    /// Number of its units in a nanosecond.
     pub in_ns: f64,
     of: fn(&Outcome) -> Option<i64>,
 }
 
-/// The figures of which it is counted how large they were.
+/// The figures whose sizes are counted.
 pub const MEASURES: [Measure; 5] = [
     Measure {
         name: "in_operation_ns",
@@ -97,22 +98,22 @@ pub const MEASURES: [Measure; 5] = [
     },
 ];
 
-/// What a sweep comes to beside its totals.
+/// The summary of a sweep beyond its totals.
 #[derive(Clone, Debug)]
 pub struct Summary {
     /// For each of [`MEASURES`]: runs that were as expected, and those that were not.
     pub measures: [(Counts, Counts); MEASURES.len()],
-    /// Where the grid holds, if it has two axes.
+    /// The limits in the grid, if it has two axes.
     pub frontier: Option<Frontier>,
 }
 
 impl Summary {
-    /// Of a sweep that is about to begin.
+    /// The empty summary of a sweep.
     pub fn new(sweep: &Sweep) -> Self {
         Self { measures: Default::default(), frontier: Frontier::new(sweep.axes()) }
     }
 
-    /// Counts a row.
+    /// Adds a row.
     pub fn add(&mut self, row: &Row) {
         for (measure, (good, bad)) in MEASURES.iter().zip(&mut self.measures) {
             if let Some(value) = (measure.of)(&row.outcome) {
@@ -125,14 +126,16 @@ impl Summary {
     }
 }
 
-/// The share of runs as expected at each point of two axes of a grid. Further axes are not told apart.
+/// The share of runs as expected at each point of two axes of a grid. Further axes are not
+/// distinguished.
 #[derive(Clone, Debug)]
 pub struct Frontier {
-    /// The first axis of the grid: whose values are sought.
+    /// The first axis of the grid, whose limit is sought.
     pub sought: Line,
-    /// The second one: for each of its values.
+    /// The second axis: the limit is found for each of its values.
     pub given: Line,
-    /// Runs, and those as expected, for each sought value of the first given one, then of the next.
+    /// Number of runs, and of those as expected, for each sought value of the first given one, then
+    /// of the next.
     counts: Vec<(u64, u64)>,
 }
 
@@ -141,31 +144,31 @@ pub struct Frontier {
 pub struct Line {
     /// Its key.
     pub key: String,
-    /// Its values in the order of their size, where they are numbers of one unit or durations.
+    /// Its values, sorted by size if they are numbers of one unit or durations.
     pub values: Vec<String>,
-    /// They are.
+    /// Whether they are sorted.
     pub is_ordered: bool,
     axis: usize,
 }
 
-/// At which of the sought values every run was as expected. The numbers are places in [`Line::values`].
+/// The sought values at which every run was as expected, as indices of [`Line::values`].
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Holds {
-    /// Nothing was run.
+    /// No run.
     NotRun,
-    /// At all of them.
+    /// All values.
     Everywhere,
-    /// At none.
+    /// No value.
     Nowhere,
-    /// From this one on.
+    /// This value and all above.
     From(usize),
-    /// Up to this one.
+    /// This value and all below.
     UpTo(usize),
-    /// At some, and there is not one edge: at these it does not hold.
+    /// Some values without a single limit: all except these.
     ExceptAt(Vec<usize>),
 }
 
-/// Points that a frontier may have.
+/// Largest number of points of a frontier.
 const MOST_POINTS: usize = 10_000;
 
 impl Frontier {
@@ -186,12 +189,13 @@ impl Frontier {
         *good += u64::from(row.outcome.as_expected);
     }
 
-    /// Runs, and those as expected, at the sought and the given value with these places.
+    /// Number of runs, and of those as expected, at these indices of the sought and the given
+    /// value.
     pub fn at(&self, sought: usize, given: usize) -> (u64, u64) {
         self.counts[given * self.sought.values.len() + sought]
     }
 
-    /// At which sought values it holds for a given one.
+    /// The sought values at which all runs were as expected, for a given one.
     pub fn holds(&self, given: usize) -> Holds {
         let run = |sought: &usize| self.at(*sought, given).0 > 0;
         let tried: Vec<usize> = (0..self.sought.values.len()).filter(run).collect();

@@ -1,12 +1,13 @@
-//! Faults that a run draws for itself: which kinds, how many, when, how bad.
+//! Faults that a run draws for itself: their kinds, number, times and sizes.
 
 use isocat_descriptions::quantity::parse_duration;
 use isocat_segment::profile::built_in;
 use isocat_sim::random::Stream;
 use toml::{Table, Value};
 
-/// Adds 1 to 4 faults to a file. Each run has a few kinds of its own: faults that always come together hide what each of
-/// them does. All begin in the first two thirds of the run, and all that can end do so.
+/// Adds 1 to 4 faults to a file. Each run has only a few kinds of faults, since faults that always
+/// come together hide each other's effects. All begin in the first two thirds of the run, and all
+/// that can end do so.
 pub(super) fn draw(table: &mut Table, seed: u64) {
     let mut draw = Draw::new(table, seed);
     let count = 1 + draw.below(4);
@@ -17,16 +18,16 @@ pub(super) fn draw(table: &mut Table, seed: u64) {
     }
 }
 
-/// Chance, and what it must know of the file.
+/// The random stream, and the facts of the file that it needs.
 struct Draw {
     chance: Stream,
-    /// What the SubDevices are, by position.
+    /// Device types by position.
     devices: Vec<String>,
-    /// Whether a last cable makes a ring of them.
+    /// Whether a last cable closes a ring.
     is_ring: bool,
-    /// How long the run is, ns.
+    /// Duration of the run, ns.
     duration: i64,
-    /// ns.
+    /// Bus cycle, ns.
     cycle: i64,
 }
 
@@ -81,7 +82,7 @@ impl Draw {
         let cable = self.cable();
         match self.below(7) {
             0 => format!("pull {cable} for {}", self.share(1, 200)),
-            // Too short for the ends of the cable to notice.
+            // This is too short for the ends of the cable to notice.
             1 => format!("pull {cable} for {}ns", 10_000 + self.below(5_000)),
             2 => {
                 let way = if self.below(2) == 0 { "out" } else { "back" };
@@ -100,7 +101,7 @@ impl Draw {
                 format!("recable {cable} {}m {takes}", 1 + self.below(100))
             }
             _ => {
-                // The same again, with other counters and another clock.
+                // A device of the same type, with other counters and another clock.
                 let (device, takes) = (self.device(), self.share(1, 200));
                 match self.devices.get(device as usize) {
                     Some(kind) if built_in(kind).is_some() => {
@@ -179,13 +180,13 @@ impl Draw {
         self.chance.up_to(count.max(1) - 1)
     }
 
-    /// A time, in thousandths of the run, and not below a millisecond.
+    /// A time in thousandths of the run, at least a millisecond.
     fn share(&mut self, from: u64, to: u64) -> String {
         let time = self.duration / 1_000 * (from + self.below(to - from)) as i64;
         format!("{}ns", time.max(1_000_000))
     }
 
-    /// A time, in thousandths of a cycle, and not below 10 us.
+    /// A time in thousandths of a cycle, at least 10 us.
     fn cycles(&mut self, from: u64, to: u64) -> String {
         let time = self.cycle / 1_000 * (from + self.below(to - from)) as i64;
         format!("{}ns", time.max(10_000))
@@ -197,7 +198,7 @@ impl Draw {
     }
 }
 
-/// What the devices of a file are, by position.
+/// Device types of a file, by position.
 fn devices(table: &Table) -> Vec<String> {
     let tables = table.get("subdevice").and_then(Value::as_array).into_iter().flatten();
     let each = tables.flat_map(|table| {

@@ -68,7 +68,7 @@ fn values_that_the_file_does_not_take_are_found_without_a_run() {
     assert_eq!(value, "host.jitter = 3parsec");
 }
 
-/// A part of the runs has the rows that the whole has, to both ends of it.
+/// A range of the runs has the same rows as the whole, at both ends.
 #[test]
 fn a_range_of_runs_is_a_part_of_them() {
     let sweep = sweep(&["host.jitter=5us,50us"], 3);
@@ -105,7 +105,8 @@ fn keys_that_lead_nowhere_are_refused() {
     }
 }
 
-/// Rows are the same on one thread and on three, in the same order; what the plan refuses is a row as well.
+/// Rows are the same on one thread and on three, in the same order. A run that the plan refuses has
+/// a row, too.
 #[test]
 fn threads_change_nothing() {
     let sweep = sweep(&["cycle=1ms,60us"], 6);
@@ -145,7 +146,7 @@ fn swarms_differ_by_seed_and_are_files_that_can_be_read() {
     assert!(words.len() >= 12, "{words:?}");
 }
 
-/// In a ring, the cable that closes it is one of those that faults come over.
+/// In a ring, faults may also affect the cable that closes it.
 #[test]
 fn swarms_in_a_ring_know_its_cable() {
     let drawn = |text: &str| {
@@ -186,7 +187,7 @@ fn a_failing_run_shrinks_to_what_makes_it_fail() {
     assert!(sweep.outcome(&small).is_like(&whole));
 }
 
-/// The words of the faults in a file.
+/// The values of key `what` of the faults in a file.
 fn words(text: &str) -> Vec<String> {
     let table = text.parse::<Table>().unwrap();
     let faults = table["fault"].as_array().unwrap();
@@ -195,7 +196,8 @@ fn words(text: &str) -> Vec<String> {
     faults.iter().map(word).collect()
 }
 
-/// Values of a range are such as the key takes: whole where the ends are, and durations of any unit.
+/// The values drawn from a range are valid for the key: whole if the ends are whole, and durations
+/// of any unit.
 #[test]
 fn ranges_are_drawn_in_whole_steps() {
     for (axis, unit) in [
@@ -219,7 +221,7 @@ fn ranges_are_drawn_in_whole_steps() {
     }
 }
 
-/// Bins are as wide as needed and no wider, whatever the order.
+/// Bins are as wide as needed and no wider, whatever the order of values.
 #[test]
 fn counts_widen_by_halves() {
     let bins = |values: &[i64]| {
@@ -245,7 +247,7 @@ fn a_frontier_is_in_the_order_of_size_and_says_where_it_holds() {
     let blank = sweep.outcome("");
     for number in 0..sweep.runs() {
         let case = sweep.case(number).unwrap();
-        // "a" holds from 1 ms on; "b" holds but with one run of the middle value.
+        // "a" is as expected from 1 ms on; "b" is too, except for one run of the middle value.
         let as_expected = match (&*case.values[1], &*case.values[0]) {
             ("a", cycle) => cycle != "500us",
             (_, cycle) => cycle != "1ms" || number != 10,
@@ -257,14 +259,14 @@ fn a_frontier_is_in_the_order_of_size_and_says_where_it_holds() {
     assert_eq!(frontier.given.values, ["a", "b"]);
     assert_eq!(frontier.holds(0), Holds::From(1));
     assert_eq!(frontier.holds(1), Holds::ExceptAt(vec![1]));
-    // The third axis is not told apart: two of its values with two seeds each.
+    // The third axis is not distinguished: two of its values with two seeds each.
     assert_eq!(frontier.at(1, 1), (4, 3));
     // Values without an order have no "and above".
     frontier.sought.is_ordered = false;
     assert_eq!(frontier.holds(0), Holds::ExceptAt(vec![0]));
 }
 
-/// The edge of a limit is the figure that is held against it.
+/// The limit that bisection finds is exactly the figure that is compared with it.
 #[test]
 fn bisection_finds_the_edge_from_both_sides() {
     let text = format!("{SEGMENT}[[expect]]\nworst_sync0 = \"1ms\"\n");

@@ -1,11 +1,11 @@
-//! 0x092C of each clock over the whole time.
+//! Follows 0x092C of each clock over the whole time.
 
 use isocat_sim::{Judged, Place};
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::{Gap, Readings, Verdict, Witness};
 
-/// All clocks that make SYNC pulses, but the reference's own.
+/// All clocks that make SYNC pulses, except the reference clock.
 pub(super) struct Clocks {
     limit: Nanos,
     /// By index among [`Witness::clocks`].
@@ -16,9 +16,9 @@ pub(super) struct Clocks {
 
 #[derive(Clone, Copy, Default)]
 struct Followed {
-    /// When the last reading was taken that was looked at.
+    /// Time of the last reading that was used.
     seen: Option<Time<Host>>,
-    /// The first beyond the limit, and the worst of all.
+    /// Time of the first reading beyond the limit, and the worst of all.
     beyond: Option<Nanos>,
     worst: Nanos,
     /// The largest bound.
@@ -31,7 +31,7 @@ impl Clocks {
         Self { limit, followed, background: main.objects().is_some() }
     }
 
-    /// Looks at the readings of one clock: in each cycle at another one.
+    /// Takes the readings of one clock: in each cycle another one.
     pub fn look(&mut self, at: Nanos, main: &impl Witness, cycle: u64) {
         let count = self.followed.len() as u64;
         if count > 0 {
@@ -60,7 +60,7 @@ impl Clocks {
         followed.seen = Some(last.at);
     }
 
-    /// Says what was read; `readings` is what each SubDevice said at the end.
+    /// Adds the results; `readings` are those of each SubDevice at the end.
     pub fn end(
         &mut self,
         at: Nanos,
@@ -87,7 +87,8 @@ impl Clocks {
             };
             match (followed.beyond, at_end) {
                 (Some(since), _) => add(Some(since), followed.worst),
-                // One reading alone, as frames took another way just then: no clock gets so far between two.
+                // This is a single reading while frames took another way: no clock moves this far
+                // between two readings.
                 (None, Some(difference)) if difference.abs() > limit && followed.seen.is_some() => {
                     let bound = difference.abs();
                     verdict.doubt(Place::device(position), Gap::ClockNearLimit { bound, limit });
@@ -113,6 +114,6 @@ impl Clocks {
     }
 }
 
-/// 0x092C is a mean over drift frames, and a clock that slides is farther off just before each of them: it was seen up to
-/// 1.45 times as far.
+/// 0x092C is a mean over drift frames, and a clock that drifts is farther off just before each of
+/// them: up to 1.45 times as far was observed.
 const BETWEEN_FRAMES: i64 = 2;

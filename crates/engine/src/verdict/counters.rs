@@ -1,4 +1,4 @@
-//! What the SubDevices themselves count: 0x1C32 and 0x1C33 before, meanwhile and after.
+//! Follows the counters of the SubDevices: 0x1C32 and 0x1C33 before, during and after operation.
 
 use isocat_maindevice::SubDevice;
 use isocat_maindevice::quality::EntryQuality;
@@ -11,18 +11,18 @@ use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress};
 
 use super::{Gap, Verdict, Witness};
 
-/// What one SubDevice said when the time in operation began, and when it was over.
+/// Readings of one SubDevice at the beginning and at the end of the time in operation.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Readings {
-    /// Registers 0x0130 and 0x0134 at the end; `None`: it did not answer.
+    /// Registers 0x0130 and 0x0134 at the end; `None` if it did not answer.
     pub status: Option<(AlStatus, AlStatusCode)>,
-    /// Register 0x092C at the end; `None` without clock, or it did not answer.
+    /// Register 0x092C at the end; `None` without clock, or if it did not answer.
     pub difference: Option<Nanos>,
-    /// Counters of 0x1C32 when the time in operation began.
+    /// Counters of 0x1C32 at the beginning of the time in operation.
     pub outputs_before: Counters,
     /// Counters of 0x1C32 at the end.
     pub outputs: Counters,
-    /// Counters of 0x1C33 when the time in operation began.
+    /// Counters of 0x1C33 at the beginning of the time in operation.
     pub inputs_before: Counters,
     /// Counters of 0x1C33 at the end.
     pub inputs: Counters,
@@ -30,7 +30,8 @@ pub struct Readings {
 
 /// Follows the counters that are read in the background.
 pub(super) struct Counted {
-    /// By position: when the counter of missed events was last read, and the longest time between two readings.
+    /// By position: time of the last reading of the counter of missed events, and the longest time
+    /// between two readings.
     paces: Vec<Pace>,
 }
 
@@ -46,7 +47,7 @@ impl Counted {
         Self { paces: vec![Pace::default(); main.segment().devices.len()] }
     }
 
-    /// Looks at the readings of one SubDevice: in each cycle at another one.
+    /// Takes the readings of one SubDevice: in each cycle another one.
     pub fn look(&mut self, main: &impl Witness, cycle: u64) {
         let Some(objects) = main.objects() else { return };
         let at = (cycle % self.paces.len().max(1) as u64) as usize;
@@ -65,7 +66,7 @@ impl Counted {
         }
     }
 
-    /// Says what was counted. `in_frames` tells of which positions the frames' times show misses.
+    /// Adds the results. `in_frames` says for which positions the frames' times show misses.
     pub fn end(
         &mut self,
         main: &impl Witness,
@@ -112,8 +113,8 @@ fn has_missed(device: &SubDevice) -> bool {
     has(&device.output_sync) || has(&device.input_sync)
 }
 
-/// The worst that an object counted in operation: what grew from beginning to end, or rose in the background and may have
-/// gone down again.
+/// The worst count of an object in operation: an increase from beginning to end, or an increase in
+/// the background reads that may have gone down again.
 fn complaint(
     index: u16,
     before: &Counters,
@@ -125,7 +126,8 @@ fn complaint(
         let seen = entries.iter().find(|entry| entry.object == object(sub));
         let risen = seen.map_or(0, |entry| u32::try_from(entry.risen).unwrap_or(u32::MAX));
         let last = after.or(seen.and_then(|entry| Some(entry.last?.1)))?;
-        // One that is smaller than before was set back, and then counted on. That of missed events goes down by itself.
+        // A counter that is smaller than before was reset and counted again. The counter of missed
+        // events goes down by itself.
         let by = match last.checked_sub(before.unwrap_or(0)) {
             Some(by) => by,
             None if sub == sub::SM_EVENT_MISSED => 0,

@@ -1,9 +1,11 @@
-//! When frames found the reference clock, against what the plan leaves each SubDevice.
+//! Compares the times at which frames met the reference clock with the slack of each SubDevice in
+//! the plan.
 //!
-//! The drift datagram brings back the time at which its frame found the reference clock, so the host's stamps are not in
-//! it. From there to the SubDevices the way is what the plan has. A frame that was later than the plan leaves to a
-//! SubDevice came with outputs too late for its pulse; one that was too early fetched inputs that were not ready, brought
-//! outputs before those of the cycle before had acted, or so early that these count as late ones of that cycle.
+//! The drift datagram returns the time at which its frame met the reference clock, so the host's
+//! time stamps are not involved. From there to the SubDevices the delays are those of the plan. A
+//! frame that was later than a SubDevice's slack brought outputs too late for its pulse. A frame
+//! that was too early either fetched inputs that were not ready, or brought outputs before those of
+//! the previous cycle had acted, or so early that they count as late outputs of that cycle.
 
 use isocat_maindevice::segment::Timing;
 use isocat_sim::{Judged, Place};
@@ -13,7 +15,7 @@ use isocat_wire::time::Nanos;
 
 use super::{Gap, Verdict, Witness};
 
-/// The frames of all cycles, and what they mean for each SubDevice.
+/// The frames of all cycles, and their effect on each SubDevice.
 pub(super) struct Frames {
     /// By position; `None` without SYNC pulses, or without a reference clock.
     rooms: Vec<Option<Room>>,
@@ -21,7 +23,8 @@ pub(super) struct Frames {
     least: (Nanos, Nanos),
 }
 
-/// How much later and earlier than planned frames may find the reference clock, for one SubDevice.
+/// The range around the planned time in which frames may meet the reference clock, for one
+/// SubDevice.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Room {
     late: Side,
@@ -30,9 +33,10 @@ pub(super) struct Room {
 
 #[derive(Clone, Copy, Debug)]
 struct Side {
-    /// Within this, outputs or inputs are in time with the worst clocks that the plan assumes.
+    /// Within this limit, outputs or inputs are in time with the worst clocks that the plan
+    /// assumes.
     safe: Nanos,
-    /// Beyond this they are not, with the best clocks.
+    /// Beyond this limit they are not in time, even with the best clocks.
     sure: Nanos,
     beyond: Count,
     between: Count,
@@ -58,12 +62,12 @@ impl Frames {
         Self { rooms, least }
     }
 
-    /// Whether the plan says how late and early frames may be, by position.
+    /// Whether the plan limits the lateness and earliness of frames, by position.
     pub fn rooms(&self) -> impl Fn(usize) -> bool {
         |position| self.rooms.get(position).is_some_and(Option::is_some)
     }
 
-    /// Takes by how much later than planned the frame of a cycle found the reference clock.
+    /// Takes the lateness of a cycle's frame at the reference clock against the plan.
     pub fn take(&mut self, at: Nanos, error: Nanos) {
         let (late, early) = self.least;
         if error <= late && -error <= early {
@@ -75,7 +79,7 @@ impl Frames {
         }
     }
 
-    /// Says what they came to; `missing` cycles brought no time back.
+    /// Adds the results; for `missing` cycles no time came back.
     pub fn end(&self, main: &impl Witness, missing: u64, verdict: &mut Verdict) {
         for (position, room) in self.rooms.iter().enumerate() {
             let Some(Room { late, early }) = room else { continue };
@@ -95,7 +99,7 @@ impl Frames {
                 verdict.doubt(place, Gap::FramesMaybeEarly { cycles, by });
             }
         }
-        // Frames of the last two cycles may be under way.
+        // Frames of the last two cycles may still be on the wire.
         if missing > UNDER_WAY && self.rooms.iter().any(Option::is_some) {
             verdict.doubt(Place::SEGMENT, Gap::FrameTimes { cycles: missing });
         }
@@ -112,10 +116,11 @@ impl Room {
             let lines = budget.lines().filter(|line| checks.contains(&line.check));
             lines.map(|line| line.slack()).min()
         };
-        // The jitter that the plan keeps free is there for frames that are late.
+        // The plan's jitter is available for late frames.
         let late = slack(&BEFORE_PULSE).map(|slack| slack + timing.cycle.jitter);
         let error = timing.cycle.clock_error;
-        // Outputs that come before the pulse of the cycle before take the place of those that it is for.
+        // Outputs that come before the pulse of the previous cycle overwrite the ones for that
+        // pulse.
         let overwritten = device.outputs_arrival.zip(timing.sync0).map(|(arrival, shift)| {
             let pulse = match device.mode {
                 SyncMode::DcSync1 => shift - device.pulses.lead,
@@ -125,8 +130,9 @@ impl Room {
             let earliest = arrival - device.frame_spread - device.ring_spread;
             Nanos((earliest - pulse).0.rem_euclid(period)) - error
         });
-        // A frame that is a quarter of a cycle early counts as that of the cycle before, and its outputs act a cycle late: as the
-        // host sends late and not early, three quarters are left for frames that are late.
+        // A frame that is a quarter of a cycle early counts as one of the previous cycle, and its
+        // outputs act a cycle late. The host sends late rather than early, so three quarters are
+        // left for late frames.
         let of_cycle_before = device.outputs_arrival.map(|_| {
             let (pulse, period) = (device.pulses.sync0_cycle, device.exchange(&timing.cycle));
             let step = if device.mode == SyncMode::DcSync0 { pulse.min(period) } else { period };
@@ -157,7 +163,7 @@ impl Side {
     }
 }
 
-/// The lines of the plan that a late frame eats up.
+/// The lines of the plan whose slack a late frame uses up.
 const BEFORE_PULSE: [Check; 3] =
     [Check::OutputsBeforeSync0, Check::OutputsStoredBeforeSync0, Check::InputsReadBeforeSync0];
 /// Cycles whose frames may not be back at the end.
@@ -167,7 +173,8 @@ const UNDER_WAY: u64 = 2;
 mod tests {
     use super::*;
 
-    /// At the edge of what is safe nothing is said, a nanosecond later it may be late, beyond the clocks' error it is.
+    /// At the safe limit nothing is reported, one nanosecond later the frame may be late, and
+    /// beyond the clocks' error it is late.
     #[test]
     fn what_is_safe_and_what_is_sure() {
         let mut side = Side {

@@ -1,4 +1,4 @@
-//! What each SubDevice is asked when the time in operation begins, and when it is over.
+//! The questions to each SubDevice at the beginning and at the end of the time in operation.
 
 use isocat_maindevice::{Event, MainDevice, RequestId};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
@@ -8,15 +8,16 @@ use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress};
 
 use super::Readings;
 
-/// Requests to all SubDevices and their answers. Process data go on meanwhile: whoever asks lets the MainDevice run and
-/// shows each event to [`Questions::event`] until [all are answered](Questions::are_answered).
+/// Requests to all SubDevices and their answers. Process data go on meanwhile: the caller runs the
+/// MainDevice and passes each event to [`Questions::event`] until [all are
+/// answered](Questions::are_answered).
 pub struct Questions {
     before: bool,
     asked: Vec<(RequestId, usize, Question)>,
     answers: Vec<(RequestId, Option<Vec<u8>>)>,
 }
 
-/// Something asked of a SubDevice.
+/// A question to a SubDevice.
 #[derive(Clone, Copy)]
 enum Question {
     Counter(ObjectAddress),
@@ -25,7 +26,8 @@ enum Question {
 }
 
 impl Questions {
-    /// Asks for the counters of 0x1C32 and 0x1C33; at the end (not `before`) for states and clocks too.
+    /// Asks for the counters of 0x1C32 and 0x1C33; at the end (not `before`) also for states and
+    /// clocks.
     pub fn ask(main: &mut MainDevice, before: bool) -> Self {
         let mut asked = Vec::new();
         for position in 0..main.segment().devices.len() {
@@ -64,12 +66,12 @@ impl Questions {
         }
     }
 
-    /// Whether nothing is open.
+    /// Whether all questions are answered.
     pub fn are_answered(&self) -> bool {
         self.answers.len() >= self.asked.len()
     }
 
-    /// Puts the answers to where they belong, by position.
+    /// Writes the answers into the readings, by position.
     pub fn fill(&self, readings: &mut [Readings]) {
         for (request, position, question) in &self.asked {
             let answer = self.answers.iter().find(|(id, _)| id == request);
@@ -92,7 +94,7 @@ fn counters_of(main: &MainDevice, position: usize, index: u16) -> Vec<ObjectAddr
     COUNTERS.into_iter().filter(present).map(|sub| ObjectAddress::new(index, sub)).collect()
 }
 
-/// Puts an answer to where it belongs.
+/// Writes one answer into the readings.
 fn take(readings: &mut Readings, question: Question, bytes: &[u8], before: bool) {
     match question {
         Question::Counter(object) => {
@@ -125,7 +127,7 @@ fn take(readings: &mut Readings, question: Question, bytes: &[u8], before: bool)
     }
 }
 
-/// AL status, a gap, AL status code.
+/// Bytes of AL status, a gap, and AL status code.
 const STATUS_LEN: usize = 6;
 const COUNTERS: [u8; 4] =
     [sub::SM_EVENT_MISSED, sub::CYCLE_TIME_TOO_SMALL, sub::SHIFT_TIME_TOO_SHORT, sub::SYNC_ERROR];

@@ -1,4 +1,4 @@
-//! What the MainDevice told while the segment was in operation.
+//! Keeps the MainDevice's reports while the segment is in operation.
 
 use std::collections::BTreeMap;
 
@@ -12,18 +12,18 @@ use isocat_wire::{AlState, AlStatus, AlStatusCode};
 
 use super::{Gap, Readings, Verdict, Witness};
 
-/// Events, as far as they matter for the verdict.
+/// The events that matter for the verdict.
 pub(super) struct Told {
     optional: Vec<bool>,
     /// By position: the first state that was not OP, and the last one.
     left: BTreeMap<usize, Left>,
-    /// The first change of the number that answers: expected, found, when.
+    /// The first change of the number of SubDevices that answer: expected, found, time.
     count: Option<(u16, u16, Nanos)>,
     changes: Vec<Finding>,
     visits: Vec<Finding>,
-    /// Frames that did not come back, and since when.
+    /// Number of frames that did not come back, and the time of the first one.
     lost: (u64, Option<Nanos>),
-    /// Since when working counters were wrong, and in which chunks.
+    /// Time since working counters were wrong, and the chunks concerned.
     wrong: Option<Nanos>,
     chunks: Vec<usize>,
     pub skipped: u64,
@@ -133,8 +133,8 @@ impl Told {
         }
     }
 
-    /// Says what it came to. `readings` is what the SubDevices said at the end, `errors` counts datagrams with a wrong working
-    /// counter.
+    /// Adds the results. `readings` are those of the SubDevices at the end, `errors` counts
+    /// datagrams with a wrong working counter.
     pub fn end(
         self,
         main: &impl Witness,
@@ -146,7 +146,7 @@ impl Told {
             let position = device.position;
             let optional = self.is_optional(position);
             let left = self.left.get(&position);
-            // One that may come and go is on its way up or down now and then.
+            // A SubDevice that may be absent is sometimes on its way up or down.
             let left = left.filter(|left| {
                 !optional || device.admitted && left.last != AlStatus::new(AlState::Op)
             });
@@ -164,7 +164,7 @@ impl Told {
                     verdict.add(place, None, Judged::NotInOp { state, code });
                 }
                 Some(None) => verdict.add(place, None, Judged::NoAnswer),
-                // They were not asked, as the wire is silent.
+                // They were not asked, since no frame comes back.
                 None => {}
             }
         }
@@ -193,12 +193,12 @@ impl Told {
         verdict.visits = self.visits;
     }
 
-    /// Whether the number that answers may change, as SubDevices come and go.
+    /// Whether the number of SubDevices that answer may change, because some may be absent.
     fn may_change(&self, main: &impl Witness) -> bool {
         (0..main.segment().devices.len()).any(|position| self.is_optional(position))
     }
 
-    /// The SubDevice whose working counter was wrong, if process data of no other one were concerned.
+    /// The SubDevice whose working counter was wrong, if only its process data were concerned.
     fn only_device(&self, main: &impl Witness) -> Place {
         let segment = main.segment();
         let [chunk] = self.chunks[..] else { return Place::SEGMENT };
@@ -213,5 +213,5 @@ impl Told {
     }
 }
 
-/// Changes that are kept: memory is bounded however long a segment runs.
+/// Largest number of changes that are kept: memory is bounded however long a segment runs.
 const MOST_CHANGES: usize = 1_000;

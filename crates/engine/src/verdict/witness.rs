@@ -1,4 +1,4 @@
-//! What the engine asks of a MainDevice.
+//! The interface of a MainDevice to the engine.
 
 use isocat_maindevice::MainDevice;
 use isocat_maindevice::quality::{ClockQuality, ObjectQuality};
@@ -6,18 +6,19 @@ use isocat_maindevice::segment::Segment;
 use isocat_maindevice::statistics::Statistics;
 use isocat_sync::phase;
 
-/// A MainDevice in operation: our own, or one that plays another tool's start-up list. All of it stays the same where
-/// nothing came in.
+/// A MainDevice in operation: our own, or one that plays another tool's start-up list. All values
+/// stay the same if no frame came in.
 pub trait Witness {
     /// Counts so far.
     fn statistics(&self) -> Statistics;
-    /// The SubDevices by position, the reference clock, and the plan of the cycle, as far as there is one.
+    /// The SubDevices by position, the reference clock, and the plan of the cycle if there is one.
     fn segment(&self) -> &Segment;
-    /// What the servo knows; `None` without a reference clock.
+    /// The state of the servo; `None` without a reference clock.
     fn phase(&self) -> Option<phase::State>;
     /// Clocks that are read in the background.
     fn clocks(&self) -> &[ClockQuality];
-    /// Objects that are read in the background, by position; `None`: nothing is read in the background.
+    /// Objects that are read in the background, by position; `None` if there are no background
+    /// reads.
     fn objects(&self) -> Option<&[ObjectQuality]>;
     /// Whether delays are measured while the segment runs.
     fn watches_delays(&self) -> bool;

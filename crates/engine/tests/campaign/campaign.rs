@@ -1,4 +1,4 @@
-//! One run: a segment comes up, things go wrong, and two verdicts are given.
+//! One run: a segment comes up, faults happen, and two verdicts are given.
 
 use isocat_engine::verdict::{self, Answer, Engine, Questions, Readings, Verdict};
 use isocat_maindevice::{Event, Motion};
@@ -12,19 +12,19 @@ use crate::held::{Mistake, hold, near_limit, no_recovery};
 use crate::truth::{Truth, Witness};
 
 pub enum Fate {
-    /// No such segment, or no plan that fits.
+    /// The segment is invalid, or no plan fits.
     Refused,
-    /// It did not come to OP.
+    /// It did not reach OP.
     NotUp,
     Ran(Ran),
 }
 
 pub struct Ran {
-    /// What went wrong, a word each; empty: nothing.
+    /// One word for each fault; empty without faults.
     pub faults: Vec<String>,
     pub lost: bool,
     pub answer: Answer,
-    /// Whether it was to come back, and there was time.
+    /// Whether it was to recover, and had the time for it.
     pub recovers: bool,
     pub wrong: Vec<(Mistake, String)>,
 }
@@ -49,7 +49,7 @@ pub fn run(seed: u64) -> Fate {
     if recovers {
         field.operate(bound);
         if field.is_out_of_sync() {
-            // To see whether it comes back at all.
+            // This shows whether it recovers at all.
             field.operate(PATIENCE);
         }
     }
@@ -70,8 +70,8 @@ fn words(text: &str) -> Vec<String> {
     lines.map(|line| line.trim_end_matches('"').to_owned()).collect()
 }
 
-/// Whether a SubDevice may have been switched on while its EEPROM was dead: its ESC has loaded nothing then, and no MainDevice brings
-/// it back before it is switched off and on once more.
+/// Whether a SubDevice may have been switched on while its EEPROM was dead. Its ESC has loaded
+/// nothing then, and no MainDevice brings it back before it is switched off and on once more.
 fn loads_nothing(faults: &[String]) -> bool {
     let about = |words: &[&str]| -> Vec<&str> {
         let parts = faults.iter().map(|fault| fault.split(' ').collect::<Vec<_>>());
@@ -96,7 +96,7 @@ fn up(setup: Setup) -> Option<World<Motion, Witness>> {
     }
 }
 
-/// A segment in operation with both that judge it.
+/// A segment in operation with both judges.
 struct Field {
     world: World<Motion, Witness>,
     began: Time<True>,
@@ -115,7 +115,7 @@ impl Field {
         Self { world, began, engine, questions: None, readings }
     }
 
-    /// Lets the next thing happen.
+    /// Processes the next event.
     fn step(&mut self, until: Time<True>) -> bool {
         let more = self.world.step(until);
         let at = Nanos((self.world.now() - self.began).0 / 1_000);
@@ -158,12 +158,15 @@ impl Field {
     }
 }
 
-/// True time after which a way up that has not ended is given up.
+/// Limit in true time of a way up.
 const BRING_UP_LIMIT: Time<True> = Time::new(60_000_000_000_000);
-/// A SubDevice that waits for SYNC or inputs on its way to OP answers after 9 s why it does not get there.
+/// A SubDevice that waits for SYNC or inputs on its way to OP reports after 9 s why it does not get
+/// there.
 const PATIENCE: Nanos = Nanos::millis(15_000);
 const READ_LIMIT: Picos = Picos(10_000_000_000_000);
-/// Cycles that the way back of one SubDevice takes beside the exchange, at most: some 250 object accesses of two cycles each.
+/// Largest number of cycles for the recovery of one SubDevice besides the exchange: some 250 object
+/// accesses of two cycles each.
 const WAY_BACK: i64 = 600;
-/// Until a link is there again, the next attempt is made, and the longest pause of a recovery is over; beside two ways up.
+/// Time until a link is up again, the next attempt is made, and the longest pause of a recovery is
+/// over; in addition to two ways up.
 const RECOVERY: Nanos = Nanos::millis(300 + 1_000 + 200 + 500);

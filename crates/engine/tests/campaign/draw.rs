@@ -7,13 +7,14 @@ use isocat_segment::profile::{built_in, built_in_ids};
 use isocat_sim::random::Stream;
 use isocat_sync::SyncMode;
 
-/// A segment file; `recovers` says whether what falls is to be brought back, and whether there is time for it.
+/// A segment file; `recovers` says whether SubDevices that leave OP are to be brought back, and
+/// whether there is time for it.
 pub struct Drawn {
     pub text: String,
     pub recovers: bool,
 }
 
-/// The segment of a seed. In four of five something goes wrong.
+/// The segment of a seed. In four out of five there are faults.
 pub fn draw(seed: u64) -> Drawn {
     let mut chance = Chance(Stream::new(seed, "campaign", 0));
     let cycle = *chance.of(&[500_000, 1_000_000, 1_000_000, 2_000_000, 4_000_000, 10_000_000]);
@@ -40,12 +41,12 @@ pub fn draw(seed: u64) -> Drawn {
         }
         sweep
     });
-    // What no file can say is refused where it is run.
+    // What a file cannot express is refused when it is run.
     let case = sweep.ok().and_then(|sweep| sweep.case(0).ok());
     Drawn { text: case.map_or(text, |case| case.text), recovers }
 }
 
-/// Writes a device; `forks` are those before it that have a port free for a branch.
+/// Writes a device; `forks` are the devices before it with a free port for a branch.
 fn device(chance: &mut Chance, text: &mut String, place: u64, forks: &mut Vec<u64>) {
     // Terminals of an EBUS need a coupler before them.
     let copper = |id: &&str| !EBUS.iter().any(|prefix| id.starts_with(prefix));
@@ -76,14 +77,14 @@ fn device(chance: &mut Chance, text: &mut String, place: u64, forks: &mut Vec<u6
     }
 }
 
-/// It has a third port.
+/// This device has a third port.
 const FORK: &str = "model_every_mode";
 const EBUS: [&str; 3] = ["beckhoff_ek", "beckhoff_ej", "beckhoff_el"];
 
 struct Chance(Stream);
 
 impl Chance {
-    /// Both ends are possible.
+    /// A random number between both ends, inclusive.
     fn between(&mut self, least: u64, most: u64) -> u64 {
         least + self.0.up_to(most.max(least) - least)
     }

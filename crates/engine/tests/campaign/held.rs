@@ -1,4 +1,4 @@
-//! What the wire's verdict says, held against what happened.
+//! Compares the wire's verdict with what happened.
 
 use isocat_engine::verdict::{Answer, Gap, Verdict};
 use isocat_maindevice::SegmentChange;
@@ -8,24 +8,24 @@ use isocat_wire::time::{Nanos, Picos};
 
 use crate::truth::{Truth, half};
 
-/// How a verdict can be wrong.
+/// A kind of wrong verdict.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Mistake {
-    /// Something was lost and the answer is "in sync".
+    /// There was a loss, and the answer is "in sync".
     UndetectedLoss,
-    /// The same, and nothing on any wire could have shown it.
+    /// The same, but no wire could have shown it.
     OutOfSight,
     /// A finding of something that did not happen.
     FalseAlarm,
-    /// A finding about a SubDevice that nothing happened to, where others lost something.
+    /// A finding about a SubDevice without a loss, while others had one.
     WrongName,
     /// In sync again, but not within the time planned for it.
     LateRecovery,
-    /// Not in sync again, however long it was waited for.
+    /// Not in sync again until the end.
     NoRecovery,
 }
 
-/// What is wrong with a verdict, and the finding or SubDevice that shows it.
+/// The mistakes of a verdict, with the finding or SubDevice that shows each.
 pub fn hold(verdict: &Verdict, truth: &Truth, limit: Nanos) -> Vec<(Mistake, String)> {
     let mut wrong = Vec::new();
     if verdict.answer() == Answer::InSync && !truth.losses.is_empty() {
@@ -41,12 +41,12 @@ pub fn hold(verdict: &Verdict, truth: &Truth, limit: Nanos) -> Vec<(Mistake, Str
     wrong
 }
 
-/// Whether what a finding says did happen.
+/// Whether the statement of a finding is true.
 fn is_true(finding: &Finding, truth: &Truth, limit: Nanos) -> bool {
     let of_device = finding.place.device.is_some_and(|device| truth.lost(device));
     match &finding.kind {
         Kind::Judged(kind) => of_device || is_true_judgement(kind, finding, truth, limit),
-        // Those that are told of the segment say how it is now: it did change if anything was lost.
+        // These findings are about the segment at present: it did change if anything was lost.
         Kind::Change(SegmentChange::ReferenceElected { .. } | SegmentChange::Unplanned { .. }) => {
             !truth.losses.is_empty()
         }
@@ -62,11 +62,11 @@ fn is_true_judgement(kind: &Judged, finding: &Finding, truth: &Truth, limit: Nan
     let error = finding.place.device.and_then(|device| truth.worst_sync0.get(device));
     match kind {
         Judged::FramesLost { .. } => truth.witness.lost > 0 || frames_were_touched,
-        // Those without outputs lose nothing by it.
+        // SubDevices without outputs lose nothing by it.
         Judged::NoAnswer => truth.wires_were_touched(),
-        // Two frames that came one behind the other.
+        // The cause is two frames in quick succession.
         Judged::CycleTimeTooSmall { .. } => frames_were_touched,
-        // It says so itself, and it is what it was made to do.
+        // The SubDevice reports it, and it was made to misbehave.
         Judged::ShiftTimeTooShort { .. } | Judged::SmEventMissed { .. } => by_itself,
         Judged::WorkingCounter { .. } => {
             truth.witness.lost > 0 || truth.wires_were_touched() || !truth.losses.is_empty()
@@ -75,9 +75,9 @@ fn is_true_judgement(kind: &Judged, finding: &Finding, truth: &Truth, limit: Nan
         Judged::CyclesSkipped { .. } | Judged::HostNotLocked { .. } => {
             truth.time_was_touched() || !truth.losses.is_empty()
         }
-        // By the times that the SubDevice states: it may be faster than that.
+        // The finding uses the times that the SubDevice states: the device may be faster than that.
         Judged::FramesTooLate { .. } | Judged::FramesTooEarly { .. } => frames_were_touched,
-        // What 0x092C shows spreads around what is so.
+        // The values of 0x092C are spread around the true one.
         Judged::ClockOff { .. } => error.is_some_and(|error| *error > half(limit)),
         Judged::DelayChanged { .. } => {
             truth.any(|fault| matches!(fault, Fault::Recable { .. } | Fault::Replace { .. }))
@@ -86,7 +86,7 @@ fn is_true_judgement(kind: &Judged, finding: &Finding, truth: &Truth, limit: Nan
     }
 }
 
-/// Whether the segment did not come back in time, where it can.
+/// Whether a segment that can come back in time did not do so.
 pub fn no_recovery(truth: &Truth, bound: Nanos) -> Option<(Mistake, String)> {
     let until = truth.last_fault()? + Picos::from(bound);
     let is_late = |stretch: &&Stretch| stretch.open || stretch.to > until;
@@ -98,8 +98,8 @@ pub fn no_recovery(truth: &Truth, bound: Nanos) -> Option<(Mistake, String)> {
     })
 }
 
-/// What no MainDevice shortens: the loop of an ESC follows its crystal at a pace of its own, and a delay that is no longer
-/// right stays until somebody has it written anew.
+/// Whether no MainDevice can shorten the time: the loop of an ESC follows its crystal at its own
+/// pace, and a wrong delay stays until it is written again.
 fn takes_longer(stretch: &Stretch, truth: &Truth) -> bool {
     let moves = |fault: &Fault| match fault {
         Fault::Clock { .. } => true,
@@ -109,10 +109,10 @@ fn takes_longer(stretch: &Stretch, truth: &Truth) -> bool {
     stretch.sign == Sign::Sync0Off && truth.any(moves)
 }
 
-/// A cable that is away for less loses no link.
+/// A cable that is unplugged for a shorter time loses no link.
 const UNSEEN: Nanos = Nanos::micros(15);
 
-/// Whether clocks near their limit, on this side of it or just beyond, are all that speaks against a segment.
+/// Whether the only reason against a segment is clocks near their limit, on either side.
 pub fn near_limit(verdict: &Verdict) -> bool {
     let near = |finding: &Finding| match finding.kind {
         Kind::Judged(Judged::ClockOff { difference, limit }) => difference.abs().0 < 2 * limit.0,

@@ -1,8 +1,9 @@
-//! The campaign on ourselves: random segments, random faults, and the verdict of a wire against true time.
+//! The campaign on ourselves: random segments, random faults, and the verdict of a wire against
+//! true time.
 //!
-//! A few are always tried. `ISOCAT_SEEDS=3000 cargo test -p isocat-engine --test campaign -- --nocapture` tries as many as one
-//! likes and prints the tables of docs/verdict.md; `ISOCAT_SEEDS_FROM` says with which to begin. With a single seed its segment
-//! file is printed, for `isocat run`.
+//! A few are always tried. `ISOCAT_SEEDS=3000 cargo test -p isocat-engine --test campaign --
+//! --nocapture` tries that many and prints the tables of docs/verdict.md; `ISOCAT_SEEDS_FROM` is
+//! the first one. With a single seed its segment file is printed, for `isocat run`.
 
 mod campaign;
 mod draw;
@@ -18,11 +19,11 @@ use campaign::{Fate, Ran};
 use held::Mistake;
 use isocat_engine::verdict::Answer;
 
-/// What the runs came to.
+/// The results of the runs.
 #[derive(Default)]
 struct Table {
     counts: BTreeMap<&'static str, u64>,
-    /// By word of a fault: runs with it, with a loss, told.
+    /// By word of a fault: number of runs with it, with a loss, and with a finding.
     faults: BTreeMap<String, [u64; 3]>,
     wrong: BTreeMap<Mistake, Vec<String>>,
 }
@@ -69,7 +70,7 @@ impl Table {
         }
         let mut kinds = Vec::new();
         for (wrong, why) in wrong {
-            // One of each kind is enough of a run.
+            // One mistake of each kind per run is enough.
             if kinds.contains(wrong) {
                 continue;
             }
@@ -121,7 +122,8 @@ fn try_all(seeds: &[u64]) -> Table {
     table.into_inner().expect("no thread panicked with it")
 }
 
-/// No loss that anything on the wire can show is silent, what is told did happen, and what can come back does.
+/// No loss that the wire can show stays undetected, each finding is true, and what can recover
+/// does.
 #[test]
 fn the_verdict_of_a_wire_is_that_of_true_time() {
     let number = |name: &str, otherwise: u64| {
@@ -141,30 +143,34 @@ fn the_verdict_of_a_wire_is_that_of_true_time() {
     table.print();
     assert_eq!(table.of("panicked"), 0);
     assert!(table.wrong(Mistake::UndetectedLoss).is_empty());
-    // One of a thousand, and where few are tried none.
+    // At most one in a thousand, so none if few are tried.
     for wrong in [Mistake::FalseAlarm, Mistake::WrongName, Mistake::NoRecovery] {
         let list = table.wrong(wrong);
         assert!(list.len() as u64 * 1_000 <= table.of("ran"), "{wrong:?}:\n{}", list.join("\n"));
     }
-    // Those that wait for SYNC on their way to OP when it goes away wait for as long as they are made to.
+    // SubDevices that wait for SYNC on their way to OP while it disappears wait as long as they
+    // must.
     let late = table.wrong(Mistake::LateRecovery);
     assert!(late.len() as u64 * 100 <= table.of("ran"), "late:\n{}", late.join("\n"));
-    // A campaign without losses, or one in which nothing runs well, shows nothing.
+    // A campaign without losses, or one in which nothing runs well, proves nothing.
     assert!(table.losses() * 10 >= seeds, "{} losses in {seeds} runs", table.losses());
     assert!(table.of("no loss: in sync") * 20 >= seeds);
 }
 
-/// Seeds that are tried where no other number is asked for.
+/// Number of seeds by default.
 const FEW: u64 = 150;
-/// Those that showed a fault once, of a judge, of the simulation or of the MainDevice:
+/// Seeds that once showed a fault of a judge, of the simulation or of the MainDevice:
 ///
-/// - 264: SYNC0 started anew was taken for a clock that ran away; 535: outputs of a doubled frame for late ones;
-/// - 307: a delay left out a SubDevice on the way that was not taken up; 4412: the way changed while a clock joined;
-///   1221: a detour was measured with what the clock was off anyway;
+/// - 264: a restarted SYNC0 was taken for a clock that ran away; 535: outputs of a doubled frame
+///   for late ones;
+/// - 307: a delay left out a SubDevice on the path that was not re-admitted; 4412: the path changed
+///   while a clock joined; 1221: the measurement of a detour included the error of the clock;
 /// - 428: a recovery undid a delay; 893: an old request took the answers of a new mailbox;
-/// - 636: a type that read as wanted was not written; 620: a reading of 0x092C showed the way and no clock;
-/// - 22903, 34004: the host's clock jumped, and frames that were a third of a cycle early were taken for good ones;
+/// - 636: a type that read as wanted was not written; 620: a reading of 0x092C showed the path and
+///   no clock;
+/// - 22903, 34004: the host's clock jumped, and frames that were a third of a cycle early were
+///   taken for good ones;
 /// - 24970: inputs stayed empty when an error was acknowledged that had closed their SyncManager;
-/// - 1015: a SubDevice was to be exchanged that another fault had given its power back.
+/// - 1015: a SubDevice was to be replaced after another fault had restored its power.
 const ONCE: [u64; 13] =
     [264, 307, 428, 535, 620, 636, 893, 1015, 1221, 4412, 22_903, 24_970, 34_004];

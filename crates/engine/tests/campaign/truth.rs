@@ -1,5 +1,5 @@
-//! What happened in true time: by the judges of the simulation, and by an onlooker at the MainDevice's port. None of it
-//! comes from the MainDevice.
+//! The events in true time: from the judges of the simulation, and from an observer at the
+//! MainDevice's port. None of it comes from the MainDevice.
 
 use isocat_maindevice::Port;
 use isocat_sim::bench::DeviceBench;
@@ -20,7 +20,7 @@ pub enum Loss {
     OutputsUneven,
 }
 
-/// What happened to frames.
+/// The observer of frames.
 #[derive(Default)]
 pub struct Witness {
     began: Option<Time<True>>,
@@ -51,15 +51,15 @@ impl Tap for Witness {
     }
 }
 
-/// All that is known of a run in true time.
+/// All facts of a run in true time.
 pub struct Truth {
-    /// With the position of the SubDevice.
+    /// Each loss with the position of the SubDevice.
     pub losses: Vec<(usize, Loss)>,
     pub witness: Witness,
     pub happened: Vec<Happened>,
     /// The largest SYNC0 error of each SubDevice.
     pub worst_sync0: Vec<Picos>,
-    /// When each was not in sync.
+    /// The times when each was not in sync.
     pub stretches: Vec<Stretch>,
     pub ended: Time<True>,
 }
@@ -84,35 +84,35 @@ impl Truth {
         }
     }
 
-    /// Whether a SubDevice lost something.
+    /// Whether a SubDevice had a loss.
     pub fn lost(&self, device: usize) -> bool {
         self.losses.iter().any(|(lost, _)| *lost == device)
     }
 
-    /// Whether something went wrong that this is true of.
+    /// Whether a fault satisfies this condition.
     pub fn any(&self, is: impl Fn(&Fault) -> bool) -> bool {
         self.happened.iter().any(|happened| is(&happened.fault))
     }
 
-    /// When the last fault ended, or began if it has no end.
+    /// Time when the last fault ended, or began if it has no end.
     pub fn last_fault(&self) -> Option<Time<True>> {
         self.happened.iter().map(|happened| happened.at).max()
     }
 
-    /// Whether all losses are of a kind that no wire shows: outputs at the pins, or misses that SubDevices cause
-    /// themselves, whose counters go down again between two readings.
+    /// Whether all losses are of a kind that no wire shows: outputs at the pins, or misses that
+    /// SubDevices cause themselves, whose counters go down again between two readings.
     pub fn is_out_of_sight(&self) -> bool {
         self.losses.iter().all(|(device, loss)| {
             *loss == Loss::OutputsUneven || self.misbehaves(*device) && *loss != Loss::LeftOp
         })
     }
 
-    /// Whether a SubDevice was made to do something wrong by itself.
+    /// Whether a SubDevice was made to misbehave.
     pub fn misbehaves(&self, device: usize) -> bool {
         self.any(|fault| matches!(fault, Fault::Misbehave { device: at, .. } if *at == device))
     }
 
-    /// Whether cables or the power of SubDevices were touched.
+    /// Whether faults concerned cables or the power of SubDevices.
     pub fn wires_were_touched(&self) -> bool {
         use Fault::*;
         self.any(|fault| {
@@ -121,7 +121,7 @@ impl Truth {
         })
     }
 
-    /// Whether something happened to the time in which frames travel: the host, its clock, or that of a SubDevice.
+    /// Whether faults concerned the times of frames: the host, its clock, or that of a SubDevice.
     pub fn time_was_touched(&self) -> bool {
         use Fault::*;
         let touches = |fault: &Fault| {

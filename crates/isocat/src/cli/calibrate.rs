@@ -34,7 +34,7 @@ input, no answer, or a segment that is in operation.";
 pub struct Arguments {
     /// Segment file to calibrate in virtual time; without one, the built-in segment
     segment: Option<String>,
-    /// Calibrate what is on this network interface instead (root)
+    /// Calibrate the segment on this network interface instead (root)
     #[cfg(target_os = "linux")]
     #[arg(long, value_name = "IF", conflicts_with_all = ["segment", "seed", "drift_law"])]
     interface: Option<String>,
@@ -42,19 +42,20 @@ pub struct Arguments {
     #[cfg(target_os = "linux")]
     #[arg(long, value_name = "NAME", requires = "interface")]
     netns: Option<String>,
-    /// Also write what was told of each chip to this file, which plan, run and serve take as --chips
+    /// Also write the result for each chip to this file, which plan, run and serve read with
+    /// --chips
     #[arg(long, value_name = "FILE")]
     chips: Option<PathBuf>,
-    /// Also write what was told of a chip to this file, as keys of a device profile
+    /// Also write the result for a chip to this file, as keys of a device profile
     #[arg(long, value_name = "FILE")]
     profile: Option<PathBuf>,
-    /// Position of the device that --profile is about; needed if clocks differ
+    /// Position of the device for --profile; needed if clocks differ
     #[arg(long, value_name = "N", requires = "profile")]
     device: Option<usize>,
     /// Law of all drift loops of the virtual segment: hold, block or proportional
     #[arg(long, value_name = "NAME")]
     drift_law: Option<DriftLaw>,
-    /// Seed of everything random in virtual time
+    /// Seed of all randomness in virtual time
     #[arg(long)]
     seed: Option<u64>,
     /// Print as one JSON document
@@ -62,7 +63,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Calibrates; gives the exit code.
+/// Calibrates; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     match arguments.run() {
         Ok(code) => code,
@@ -133,7 +134,7 @@ fn message(step: Step) -> String {
     }
 }
 
-/// Ends early, with everything put back, on Ctrl-C.
+/// Sets up an early end on Ctrl-C, after which everything is restored.
 fn stop_on_signals() -> Result<Arc<AtomicBool>, String> {
     #[cfg(target_os = "linux")]
     return super::interface::stop_on_signals()

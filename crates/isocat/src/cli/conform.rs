@@ -36,11 +36,12 @@ Exit code: 0 every rule that applies holds, 1 one does not or was not judged, 2 
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// A built-in device, a device profile, or a segment file: each device of it is tried, at cycles that the
-    /// suite chooses
+    /// A built-in device, a device profile, or a segment file, each device of which is tested, at
+    /// cycles that the suite chooses
     #[arg(value_name = "DEVICE|SEGMENT.toml")]
     subject: Option<String>,
-    /// Try what is on this network interface; DEVICE or SEGMENT.toml tell what to expect there (root)
+    /// Test the segment on this network interface; DEVICE or SEGMENT.toml is what is expected there
+    /// (root)
     #[cfg(target_os = "linux")]
     #[arg(long, value_name = "IF")]
     interface: Option<String>,
@@ -48,28 +49,29 @@ pub struct Arguments {
     #[cfg(target_os = "linux")]
     #[arg(long, value_name = "NAME", requires = "interface")]
     netns: Option<String>,
-    /// Try this rule only, or the rules of this group (OBJ, ACC, REF, MODE, AL, CNT, TIME, REC); may stand
-    /// several times
+    /// Test only this rule, or the rules of this group (OBJ, ACC, REF, MODE, AL, CNT, TIME, REC);
+    /// may be given several times
     #[arg(long = "rule", value_name = "ID")]
     rules: Vec<String>,
-    /// Print the rules without trying them
+    /// Print the rules without testing them
     #[arg(long)]
     list: bool,
-    /// Print what `misbehave` in a segment file knows, to see a rule fail
+    /// Print the words of `misbehave` in a segment file, to see a rule fail
     #[arg(long)]
     faults: bool,
     /// Print the report as one JSON document
     #[arg(long)]
     json: bool,
-    /// Also write the report to this file: a page if it ends in .html, JSON if in .json, else text
+    /// Also write the report to this file: a page if it ends in .html, JSON if in .json, otherwise
+    /// text
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Also write the report to this file, as JUnit has it
+    /// Also write the report to this file as JUnit
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
 }
 
-/// Runs the verb; gives the exit code.
+/// Runs the verb; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     match arguments.run() {
         Ok(code) => code,

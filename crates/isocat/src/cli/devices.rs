@@ -1,4 +1,4 @@
-//! `isocat devices`: the built-in profiles, and what a maker's description holds.
+//! `isocat devices`: the built-in profiles, and the content of an ESI file.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -16,10 +16,10 @@ use super::{fail, print};
 pub struct Arguments {
     /// Profile to print, or a device description (.xml) to list
     name: Option<String>,
-    /// Further descriptions, whose modules the slots of the first one's devices take
+    /// Further descriptions with modules for the slots of the first one's devices
     #[arg(value_name = "FILE")]
     further: Vec<String>,
-    /// List slots, and the modules that each takes
+    /// List slots, and the modules that fit each
     #[arg(long)]
     modules: bool,
     /// Print a description for a program (schema: docs/devices.schema.json)
@@ -27,7 +27,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Runs the verb; gives the exit code.
+/// Runs the verb; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     let name = arguments.name.as_deref();
     if let Some(name) = name.filter(|name| name.to_ascii_lowercase().ends_with(".xml")) {
@@ -61,7 +61,7 @@ pub fn run(arguments: &Arguments) -> u8 {
     }
 }
 
-/// A description, with the modules of further ones.
+/// A description, with the modules of the further ones.
 fn read(name: &str, further: &[String]) -> Result<EsiFile, FileError> {
     let mut file = EsiFile::read(name)?;
     for other in further {
@@ -70,7 +70,7 @@ fn read(name: &str, further: &[String]) -> Result<EsiFile, FileError> {
     Ok(file)
 }
 
-/// What is wrong with a name that no profile has: a path may have been meant.
+/// The error for a name without a profile: a path may have been meant.
 fn unknown(name: &str) -> String {
     const EXPECTED: &str = "expected the name of a built-in profile, or a device description (ESI), which ends in .xml";
     match Path::new(name).metadata() {
@@ -99,7 +99,7 @@ fn built_in() -> String {
         .collect()
 }
 
-/// What a description holds: each device with its OpModes, then all that is doubtful.
+/// The content of a description: each device with its OpModes, then all doubts.
 fn list(file: &EsiFile, modules: bool) -> String {
     let mut out = String::new();
     let number =
@@ -173,7 +173,7 @@ fn write_device(out: &mut String, file: &EsiFile, device: &EsiDevice) {
     }
 }
 
-/// The slots of a device, each with the modules that it takes.
+/// Writes the slots of a device, each with the modules that fit.
 fn write_slots(out: &mut String, file: &EsiFile, device: &EsiDevice) {
     let Some(slots) = &device.slots else { return };
     for slot in catalog::slots(slots, &file.modules) {

@@ -54,11 +54,11 @@ pub struct Arguments {
     /// Segment file with the names of the devices, in their order
     #[arg(long, value_name = "SEGMENT")]
     segment: Option<String>,
-    /// Makers' descriptions with the names of devices; may be given several times
+    /// ESI files with the names of devices; may be given several times
     #[arg(long, value_name = "FILE")]
     esi: Vec<String>,
-    /// The captures are those of a hardware probe that writes its stamps into the packets: esl (or
-    /// et2000), the EtherCAT Switch Link
+    /// The captures are those of a hardware probe that writes its time stamps into the packets: esl
+    /// (or et2000), the EtherCAT Switch Link
     #[arg(long, value_name = "NAME")]
     probe: Option<Probe>,
     /// Print as one JSON document
@@ -77,24 +77,24 @@ pub struct Arguments {
     live: Live,
 }
 
-/// What is listened to, in the place of a capture.
+/// The interface to listen to, instead of a capture.
 #[cfg(target_os = "linux")]
 #[derive(Args, Debug)]
 #[group(skip)]
 #[command(next_help_heading = "On a network interface, now")]
 struct Live {
-    /// Listen to this network interface, and send nothing
+    /// Listen on this network interface, and send nothing
     #[arg(long, value_name = "IF", conflicts_with = "captures")]
     interface: Option<String>,
     /// Network namespace of the interface
     #[arg(long, value_name = "NAME", requires = "interface")]
     netns: Option<String>,
-    /// How long to listen, default 10s; Ctrl-C ends it early
+    /// Time to listen, default 10s; Ctrl-C ends it early
     #[arg(long = "for", value_name = "DURATION", value_parser = super::run::duration, requires = "interface")]
     span: Option<isocat_wire::Nanos>,
 }
 
-/// Diagnoses; gives the exit code.
+/// Diagnoses; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     let (annotate, report) = (arguments.annotate.as_deref(), arguments.report.as_deref());
     let refused = |path| annotate::refused(path, &arguments.captures, report);
@@ -225,8 +225,8 @@ fn diagnose(
     Ok(report)
 }
 
-/// Looks at the captures once more, for what happened around the first fault. What can't be read
-/// twice, as a pipe, is left as it is.
+/// Reads the captures a second time, for the events around the first fault. A capture that cannot
+/// be read twice, such as a pipe, is skipped.
 fn look_around(arguments: &Arguments, report: &mut DiagnoseReport) {
     let Some(around) = Around::new(report) else { return };
     let mut around = around.with_probe(arguments.probe);
@@ -245,7 +245,7 @@ fn look_around(arguments: &Arguments, report: &mut DiagnoseReport) {
     around.end(report);
 }
 
-/// A bar on standard error, if that is a terminal and the file is large.
+/// A progress bar on standard error, if that is a terminal and the file is large.
 fn progress(file: &File) -> ProgressBar {
     let length = file.metadata().map_or(0, |metadata| metadata.len());
     if length < LARGE {
@@ -281,8 +281,8 @@ pub(super) fn positions(segment: &str) -> Result<Vec<String>, String> {
     Ok(file.subdevices.iter().map(|device| device.name.clone()).collect())
 }
 
-/// How long is listened without --for.
+/// Time to listen without --for.
 #[cfg(target_os = "linux")]
 const LISTEN: isocat_wire::Nanos = isocat_wire::Nanos::millis(10_000);
-/// From this length on reading a file takes long enough to show how far it is, bytes.
+/// Length of a file, bytes, from which a progress bar is shown.
 const LARGE: u64 = 64 << 20;

@@ -1,4 +1,4 @@
-//! `isocat eni`: what stands in an ENI file.
+//! `isocat eni`: the content of an ENI file.
 
 use std::path::PathBuf;
 
@@ -18,7 +18,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Reads the file and tells what is in it.
+/// Reads the file and prints its content.
 pub(super) fn run(arguments: &Arguments) -> u8 {
     let eni = match Eni::read(&arguments.file) {
         Ok(eni) => eni,

@@ -1,4 +1,4 @@
-//! `isocat run network.xml --interface`: what a configuration tool wrote, on a real wire.
+//! `isocat run network.xml --interface`: the output of a configuration tool, on a real wire.
 
 use isocat_engine::live::job::End;
 use isocat_engine::plan::Plan;
@@ -15,7 +15,7 @@ use super::interface::{begin_recording, end_recording, exit_code, stop_on_signal
 use super::run::{Arguments, json, progress_bar, write_report};
 use super::{BAD_INPUT, IN_SYNC, fail, print};
 
-/// Plays the ENI on the interface; gives the exit code.
+/// Plays the ENI on the interface; returns the exit code.
 pub fn run(arguments: &Arguments, interface: &str, path: &str) -> u8 {
     let options = &arguments.wire;
     if let Err(message) = options.check(false) {

@@ -1,4 +1,4 @@
-//! An ENI in the place of a segment file: `isocat run`, `plan` and `scan` take both.
+//! An ENI instead of a segment file: `isocat run`, `plan` and `scan` accept both.
 
 use std::path::{Path, PathBuf};
 
@@ -15,37 +15,37 @@ use isocat_wire::Nanos;
 use super::run::{json, write_report};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 
-/// What the virtual devices of an ENI are made of.
+/// The sources of an ENI's virtual devices.
 #[derive(Args, Debug)]
 pub struct Options {
-    /// With an ENI: makers' device descriptions (ESI) to make its devices of, files or folders
+    /// With an ENI: device descriptions (ESI) for its devices, files or folders
     #[arg(long = "esi", value_name = "PATH", num_args = 1..)]
     esi: Vec<PathBuf>,
-    /// With an ENI: the segment file that it is run against, in the place of one that is made of the ENI
+    /// With an ENI: the segment file to run it against, instead of one that is made from the ENI
     #[arg(long = "segment", value_name = "FILE", id = "against", conflicts_with = "esi")]
     against: Option<String>,
 }
 
-/// What else was asked for.
+/// The other settings.
 pub struct Wishes<'a> {
-    /// What devices are made of.
+    /// The sources of devices.
     pub options: &'a Options,
-    /// Chips as they were measured.
+    /// File of measured chips.
     pub chips: Option<&'a str>,
-    /// How long it runs in OP.
+    /// Time to run in OP.
     pub duration: Option<Nanos>,
     /// Seed.
     pub seed: Option<u64>,
     /// Law of all drift loops.
     pub drift_law: Option<DriftLaw>,
-    /// As JSON.
+    /// Whether to print JSON.
     pub json: bool,
-    /// Also into this file.
+    /// File for the report.
     pub report: Option<&'a Path>,
 }
 
 impl Options {
-    /// What is wrong with these keys beside a segment file.
+    /// The error for these options with a segment file.
     pub fn refused_without_eni(&self) -> Option<String> {
         let key = match (self.esi.is_empty(), &self.against) {
             (false, _) => "--esi",
@@ -58,13 +58,13 @@ impl Options {
     }
 }
 
-/// Whether a path is taken for that of an ENI: by its ending.
+/// Whether a path is that of an ENI, by its ending.
 pub fn is_eni(path: &str) -> bool {
     let ending = Path::new(path).extension().and_then(|ending| ending.to_str());
     ending.is_some_and(|ending| ["xml", "eni"].iter().any(|one| ending.eq_ignore_ascii_case(one)))
 }
 
-/// Runs an ENI; gives the exit code.
+/// Runs an ENI; returns the exit code.
 pub fn run(path: &str, wishes: &Wishes<'_>) -> u8 {
     let (eni, segment) = match prepared(path, wishes) {
         Ok(prepared) => prepared,
@@ -93,7 +93,7 @@ pub fn run(path: &str, wishes: &Wishes<'_>) -> u8 {
     tell(&report, wishes, code)
 }
 
-/// Compares an ENI with our plan; gives the exit code.
+/// Compares an ENI with our plan; returns the exit code.
 pub fn plan(path: &str, wishes: &Wishes<'_>) -> u8 {
     let (eni, segment) = match prepared(path, wishes) {
         Ok(prepared) => prepared,
@@ -130,7 +130,7 @@ pub fn segment(path: &str, options: &Options) -> Result<(Eni, VirtualSegment), S
     made.map(|made| (eni, made)).map_err(|error| error.to_string())
 }
 
-/// The same with what else was asked for.
+/// The same with the other settings.
 fn prepared(path: &str, wishes: &Wishes<'_>) -> Result<(Eni, VirtualSegment), String> {
     let (eni, mut made) = segment(path, wishes.options)?;
     let scenario = &mut made.scenario;

@@ -1,5 +1,5 @@
-//! `isocat explain`: what a code, an object, a register, a mode or a key of a file means, from the data that the stack and
-//! the parsers run on; and the schemas of files for editors.
+//! `isocat explain`: the meaning of a code, an object, a register, a mode or a key of a file, from
+//! the data that the stack and the parsers use; and the schemas of files for editors.
 
 use std::fmt::Write;
 
@@ -48,7 +48,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Explains.
+/// Runs the verb; returns the exit code.
 pub(super) fn run(arguments: &Arguments) -> u8 {
     if let Some(name) = &arguments.schema {
         let file = keys::FILES.iter().find(|file| file.name == name);
@@ -65,7 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
     }
 }
 
-/// Both objects as tables of at most 100 columns.
+/// Both objects as tables with lines of at most 100 columns.
 fn modes() -> String {
     let mut text = String::from(
         "Sub-indices of 0x1C32 and 0x1C33 by synchronization mode (ETG.1020).\n\
@@ -106,7 +106,7 @@ fn modes() -> String {
     text
 }
 
-/// `0x1C33:0F to 12, need, DC shift SYNC1 and DC subordinated`
+/// The place of a doubt: `0x1C33:0F to 12, need, DC shift SYNC1 and DC subordinated`.
 fn doubt_place(doubt: &Doubt) -> String {
     let (first, last) = (doubt.subs.first(), doubt.subs.last());
     let mut place = format!("0x{:04X}:{:02X}", doubt.object, first.copied().unwrap_or_default());
@@ -121,7 +121,7 @@ fn doubt_place(doubt: &Doubt) -> String {
     format!("{place}, {}, {columns}", doubt.aspect.name())
 }
 
-/// `printed O, taken -: reason`; of a whole row no single cell is told.
+/// A doubt in words: `printed O, taken -: reason`; for a whole row no single cell is named.
 fn doubt_words(doubt: &Doubt) -> String {
     let Doubt { printed, reason, .. } = doubt;
     match taken(doubt) {
@@ -130,7 +130,7 @@ fn doubt_words(doubt: &Doubt) -> String {
     }
 }
 
-/// What the tables here have in the cells of a doubt, which is the same in all; `None` for a whole
+/// The content of our tables in the cells of a doubt, which is the same in all; `None` for a whole
 /// row.
 fn taken(doubt: &Doubt) -> Option<String> {
     let cell = lookup(doubt.object, *doubt.subs.first()?, *doubt.columns.first()?)?;
@@ -192,7 +192,7 @@ fn modes_json() -> String {
 #[derive(Serialize)]
 struct Modes {
     objects: [Object; 2],
-    /// Where a published copy of the tables differs.
+    /// Differences of a published copy of the tables.
     differences: Vec<Difference>,
 }
 
@@ -224,7 +224,7 @@ struct Row {
 #[derive(Serialize)]
 struct Cell {
     column: &'static str,
-    /// Absent where the sub-index is not used.
+    /// Missing if the sub-index is not used.
     #[serde(skip_serializing_if = "Option::is_none")]
     access: Option<&'static str>,
     need: &'static str,
@@ -232,7 +232,7 @@ struct Cell {
     condition: Option<&'static str>,
 }
 
-/// What the sub-index is called in this object.
+/// The name of the sub-index in this object.
 fn name(index: u16, sub: u8) -> &'static str {
     match (index, sub) {
         (INPUT_PARAMETER, object::sub::MINIMUM_DELAY_TIME | 0x0F..=0x12) => "reserved",

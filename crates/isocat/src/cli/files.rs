@@ -1,4 +1,4 @@
-//! The files that a simulated run writes as it goes: captures, waveforms, traces, series.
+//! The files that a simulated run writes while it runs: captures, waveforms, traces, series.
 
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
@@ -22,27 +22,29 @@ use isocat_wire::time::{Time, True};
 use super::output::Output;
 use super::run::unwritable;
 
-/// Arguments of `run` for its files, beside `--capture` and `--waves`.
+/// Arguments of `run` for its files, besides `--capture` and `--waves`.
 #[derive(Args, Debug)]
 #[group(skip)]
 pub struct Options {
-    /// With --capture: also frames as they enter and leave the SubDevice at this position, as an interface of their own; may
-    /// be given several times
+    /// With --capture: also frames as they enter and leave the SubDevice at this position, as a
+    /// separate interface; may be given several times
     #[arg(long, value_name = "POSITION", requires = "capture")]
     tap: Vec<usize>,
-    /// With --capture: also frames on the cable in front of the SubDevice at this position, in both directions, as a tap in the
-    /// line sees them, as an interface of their own; may be given several times
+    /// With --capture: also frames on the cable in front of the SubDevice at this position, in both
+    /// directions, as a tap in the line sees them, as a separate interface; may be given several
+    /// times
     #[arg(long, value_name = "POSITION", requires = "capture")]
     tap_cable: Vec<usize>,
-    /// Write what happens at the MainDevice and each SubDevice to this file, as a trace for Perfetto
+    /// Write the events at the MainDevice and each SubDevice to this file, as a trace for Perfetto
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
-    /// Write a table with one row for each SubDevice and cycle to this file: CSV if it ends in .csv, Parquet if in .parquet
+    /// Write a table with one row for each SubDevice and cycle to this file: CSV if it ends in
+    /// .csv, Parquet if in .parquet
     #[arg(long, value_name = "FILE")]
     pub series: Option<PathBuf>,
 }
 
-/// What a table is written as.
+/// The format of a table.
 #[derive(Clone, Copy, Default)]
 enum TableForm {
     #[default]
@@ -51,7 +53,7 @@ enum TableForm {
 }
 
 impl Options {
-    /// Why these files can't be had of a real interface, if they are wanted.
+    /// Why these files are not possible on a real interface, if they are requested.
     pub fn refused_beside_interface(&self) -> Option<String> {
         let needs = |flag: &str, why: &str| {
             Some(format!("{flag} is beside --interface; expected a simulation: {why}"))
@@ -73,7 +75,7 @@ impl Options {
         }
     }
 
-    /// The files that are wanted with these.
+    /// The requested files, including these.
     pub fn with<'a>(
         &'a self,
         capture: Option<&'a Path>,
@@ -91,7 +93,7 @@ impl Options {
 }
 
 impl TableForm {
-    /// As the ending of the file's name says.
+    /// The format by the ending of the file's name.
     fn of(path: Option<&Path>) -> Result<Self, String> {
         let Some(path) = path else { return Ok(Self::Csv) };
         let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
@@ -106,20 +108,20 @@ impl TableForm {
     }
 }
 
-/// Which files are wanted.
+/// The requested files.
 #[derive(Default)]
 pub struct Wanted<'a> {
-    /// Where: capture, waves, trace, series.
+    /// Paths of capture, waves, trace, series.
     paths: [Option<&'a Path>; 4],
     form: TableForm,
-    /// Positions of the SubDevices in front of which frames are captured, too.
+    /// Positions of the SubDevices in front of which frames are also captured.
     probes: &'a [usize],
-    /// Positions of the SubDevices in front of which the cable is tapped, too.
+    /// Positions of the SubDevices in front of which the cable is also tapped.
     cables: &'a [usize],
 }
 
 impl<'a> Wanted<'a> {
-    /// Capture, waves, trace and series at these places.
+    /// Capture, waves, trace and series at these paths.
     pub fn of(paths: [Option<&'a Path>; 4]) -> Result<Self, String> {
         Ok(Self { paths, form: TableForm::of(paths[3])?, ..Self::default() })
     }
@@ -137,20 +139,20 @@ impl<'a> Wanted<'a> {
     }
 }
 
-/// The files that were asked for.
+/// The open files.
 pub struct Files {
     capture: Option<Capture>,
     waves: Option<Waves>,
     trace: Option<Trace>,
     series: Option<Series>,
-    /// Where the four are written, in this order.
+    /// The four files in this order.
     outputs: [Option<(PathBuf, Output)>; 4],
-    /// What the page of the report is made of, if one is wanted.
+    /// The data for the page of the report, if one is requested.
     pub recording: Option<Recording>,
 }
 
 impl Files {
-    /// Creates those that are wanted; none if something is wrong with what is asked.
+    /// Creates the requested files; none if there is an error in the request.
     pub fn create(wanted: &Wanted<'_>, scenario: &Scenario) -> Result<Self, String> {
         wanted.check(scenario.devices.len())?;
         let (asked, form) = (wanted.paths, wanted.form);
@@ -182,7 +184,7 @@ impl Files {
         })
     }
 
-    /// Writes what is left; gives the recording back.
+    /// Writes the rest; returns the recording.
     pub fn finish(self) -> Result<Option<Recording>, String> {
         let Self { capture, waves, trace, series, outputs, recording } = self;
         let ended = [
@@ -205,7 +207,7 @@ impl Files {
         }
     }
 
-    /// Whether none was asked for.
+    /// Whether no file was requested.
     pub fn is_empty(&self) -> bool {
         self.outputs.iter().all(Option::is_none)
     }
@@ -220,7 +222,7 @@ impl Files {
     }
 }
 
-/// What messages call the files.
+/// Names of the files in messages.
 const WHAT: [&str; 4] = ["capture", "waves", "trace", "series"];
 
 fn buffered((_, output): &(PathBuf, Output)) -> io::Result<BufWriter<std::fs::File>> {

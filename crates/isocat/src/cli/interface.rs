@@ -41,25 +41,27 @@ use crate::record::Event;
     group(ArgGroup::new("wire").args(["interface", "preflight"]).multiple(true))
 )]
 pub struct Options {
-    /// Run on this network interface instead of a virtual segment; the segment file says what is expected
+    /// Run on this network interface instead of a virtual segment; the segment file is what is
+    /// expected
     #[arg(long, value_name = "IF", conflicts_with = "seed")]
     pub interface: Option<String>,
     /// Network namespace of the interface
     #[arg(long, value_name = "NAME", requires = "interface")]
     pub netns: Option<String>,
-    /// Take whatever is on the wire, every SubDevice in its best mode
+    /// Accept any segment on the wire, with every SubDevice in its best mode
     #[arg(long, requires = "interface", conflicts_with = "segment")]
     pub any: bool,
     /// Bus cycle with --any or --preflight, default 1ms
     #[arg(long, requires = "wire", conflicts_with = "segment", value_parser = duration)]
     pub cycle: Option<Nanos>,
-    /// Never sleep: spin on the interface and the clock, which takes one CPU for itself
+    /// Never sleep: spin on the interface and the clock, which occupies one CPU
     #[arg(long, requires = "wire")]
     pub busy: bool,
-    /// Stay on this CPU, best an isolated one
+    /// Stay on this CPU, preferably an isolated one
     #[arg(long, value_name = "N", requires = "wire")]
     pub cpu: Option<usize>,
-    /// Only look at what on this machine harms punctuality; exit 0 nothing does, 1 something, 2 bad input
+    /// Only check this machine for settings that harm punctuality; exit 0 for none, 1 for some, 2
+    /// for bad input
     #[arg(long, conflicts_with_all = ["duration", "capture", "waves", "trace", "series", "report", "any"])]
     pub preflight: bool,
     #[command(flatten)]
@@ -92,7 +94,7 @@ impl Options {
     }
 }
 
-/// Looks at the machine, prints what harms.
+/// Checks the machine, and prints harmful settings.
 pub fn look(arguments: &Arguments, cycle: Option<Nanos>) -> u8 {
     let options = &arguments.wire;
     if let Err(message) = options.check(false) {
@@ -136,7 +138,7 @@ pub fn look(arguments: &Arguments, cycle: Option<Nanos>) -> u8 {
     if code == IN_SYNC && report.harms_punctuality() { NOT_IN_SYNC } else { code }
 }
 
-/// Runs the segment on the interface; gives the exit code.
+/// Runs the segment on the interface; returns the exit code.
 pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     let options = &arguments.wire;
     if let Err(message) = options.check(options.any) {
@@ -217,7 +219,7 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     }
 }
 
-/// Begins to write frames as `--capture` and `--record` ask for it.
+/// Starts to record frames for `--capture` and `--record`.
 pub(super) fn begin_recording(
     arguments: &Arguments,
     interface: &str,
@@ -247,7 +249,7 @@ pub(super) fn begin_recording(
     Ok((recorder, Written { file, events }))
 }
 
-/// Ends what was begun, and notes what is missing in it.
+/// Ends the recording, and notes missing parts.
 pub(super) fn end_recording(
     arguments: &Arguments,
     outcome: &mut Outcome,
@@ -281,15 +283,15 @@ pub(super) const fn exit_code(answer: Answer) -> u8 {
     }
 }
 
-/// What frames are written to.
+/// The receivers of recorded frames.
 pub(super) struct Written {
     /// The file of `--capture`.
     file: Option<Output>,
-    /// What `--record` says.
+    /// Events of `--record`.
     events: Option<Receiver<Event>>,
 }
 
-/// What the devices are called, by position.
+/// Names of the devices, by position.
 pub(super) fn names(options: &Options, scenario: &Scenario) -> Vec<String> {
     match options.any {
         true => Vec::new(),
@@ -297,7 +299,7 @@ pub(super) fn names(options: &Options, scenario: &Scenario) -> Vec<String> {
     }
 }
 
-/// What fills the board of a run, and the server that reads it.
+/// The scribe that fills the board of a run, with the server that reads the board.
 fn measured(
     address: SocketAddr,
     config: &Config,
@@ -330,7 +332,7 @@ pub(super) fn board(config: &Config, scenario: &Scenario, options: &Options) -> 
     Board::new(Status::new(segment, Kind::Wire, config.cycle.0, limit))
 }
 
-/// What the MainDevice is asked for on a real interface.
+/// The configuration of the MainDevice on a real interface.
 pub(super) fn config(options: &Options, scenario: &Scenario) -> Config {
     let config = match options.any {
         true => Config {
@@ -344,7 +346,7 @@ pub(super) fn config(options: &Options, scenario: &Scenario) -> Config {
     verdict::with_reads(isocat_host::on_a_socket(config))
 }
 
-/// Writes everything that was asked for.
+/// Writes all requested output.
 fn finish(
     arguments: &Arguments,
     scenario: &Scenario,
@@ -388,7 +390,7 @@ fn finish(
     }
 }
 
-/// A flag that SIGINT and SIGTERM set; the second of them ends the program at once.
+/// A flag that SIGINT and SIGTERM set; a second signal ends the program at once.
 pub(super) fn stop_on_signals() -> std::io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
@@ -399,9 +401,9 @@ pub(super) fn stop_on_signals() -> std::io::Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-/// From one look at the board to the next.
+/// Time from one poll of the board to the next.
 const LOOK: std::time::Duration = std::time::Duration::from_millis(100);
-/// Of what is there without a file that says otherwise.
+/// Bus cycle for a segment without a file.
 const DEFAULT_CYCLE: Nanos = Nanos::millis(1);
 const SHORTEST_CYCLE: Nanos = Nanos::micros(10);
 const LONGEST_CYCLE: Nanos = Nanos::millis(1_000);

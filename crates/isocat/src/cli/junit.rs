@@ -1,4 +1,5 @@
-//! The result of a run or of a service as a JUnit file, which every CI reads: each expectation is a test.
+//! The result of a run or of a service as a JUnit file, which every CI system reads: each
+//! expectation is a test.
 
 use std::fmt::Write;
 
@@ -7,16 +8,16 @@ use isocat_engine::Report;
 #[cfg(target_os = "linux")]
 use isocat_serve::Summary;
 
-/// What became of one test.
+/// The result of one test.
 enum Fate {
     Passed,
-    /// And why.
+    /// It failed, with the reason.
     Failed(String),
-    /// There was nothing to judge by, and why. A CI counts it as an error, and not as passed.
+    /// It could not be judged, with the reason. A CI system counts it as an error, not as passed.
     NotJudged(String),
 }
 
-/// The document of a run. One of which nothing in particular is expected has one test: that it is in sync.
+/// The document of a run. Without expectations it has one test: that the run is in sync.
 pub fn document(report: &Report) -> String {
     let tests = match &report.expected[..] {
         [] => vec![("in sync".to_owned(), fate(report.in_sync, || report.verdict.clone()))],
@@ -28,8 +29,8 @@ pub fn document(report: &Report) -> String {
     write(&report.segment_file, report.seed, &tests, &report.text())
 }
 
-/// The document of a segment that was served. One of which nothing in particular is expected has one test: that every session that
-/// came to operation was in sync, and one did.
+/// The document of a served segment. Without expectations it has one test: that there was a session
+/// in operation, and that every such session was in sync.
 #[cfg(target_os = "linux")]
 pub fn of_service(summary: &Summary, seed: u64) -> String {
     let judged: Vec<_> =

@@ -1,4 +1,4 @@
-//! Listening to an interface, without sending: what `record` and `diagnose --interface` share.
+//! Listens to an interface without sending: the common part of `record` and `diagnose --interface`.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -6,18 +6,18 @@ use std::time::Duration;
 use isocat_host::{LinkError, Listener, clock};
 use isocat_wire::Nanos;
 
-/// What a listener hears.
+/// An event of a listener.
 pub enum Heard<'a> {
-    /// A frame that left (`sent`) or came in at `at`, wall time since 1970.
+    /// A frame that was sent (`sent`) or received at `at`, wall time since 1970.
     Frame { at: Duration, sent: bool, bytes: &'a [u8] },
-    /// It is this time, and no frame waits; about a hundred times a second if none comes.
+    /// No frame waits at this time; about a hundred times per second if none comes.
     Quiet(Duration),
     /// The interface went down.
     Down(Duration),
 }
 
-/// Listens for `span`, or without it until `stop` is set. An interface that goes down is waited
-/// for; one that is deleted is an error.
+/// Listens for `span`, or without it until `stop` is set. If the interface goes down, it waits; if
+/// it is deleted, that is an error.
 pub fn listen(
     listener: &mut Listener,
     span: Option<Nanos>,
@@ -54,9 +54,9 @@ pub fn listen(
     Ok(())
 }
 
-/// Longer than any frame of EtherCAT.
+/// Longer than any EtherCAT frame.
 const BUFFER: usize = 2048;
-/// Frames that are taken before it is looked whether to end.
+/// Largest number of frames between two checks for the end.
 const MOST_AT_ONCE: usize = 256;
-/// From one look at the clock to the next, where no frame comes.
+/// Time from one check of the clock to the next without frames.
 const WAIT_MS: u32 = 10;

@@ -1,4 +1,5 @@
-//! `isocat new`: a segment file from descriptions and types, from an ENI, or from what a scan found.
+//! `isocat new`: a segment file from descriptions and types, from an ENI, or from the result of a
+//! scan.
 
 mod sources;
 
@@ -26,13 +27,14 @@ Exit code: 0 the file loads and its plan fits, 1 its plan does not fit, 2 bad in
 /// Arguments of `isocat new`.
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Types of the descriptions and names of built-in profiles, in the order of the wire; or one ENI (.xml, .eni); or one
-    /// document of `isocat scan --json` (.json)
+    /// Types of the descriptions and names of built-in profiles, in the order of the wire; or one
+    /// ENI (.xml, .eni); or one document of `isocat scan --json` (.json)
     what: Vec<String>,
-    /// A maker's description, or a folder of them; may be given several times
+    /// An ESI file, or a folder of them; may be given several times
     #[arg(long, value_name = "FILE")]
     esi: Vec<PathBuf>,
-    /// Bus cycle; without it the shortest of 1, 2, 4 and 10 ms that the plan fits into. An ENI has its own
+    /// Bus cycle; without it the shortest of 1, 2, 4 and 10 ms for which the plan fits. An ENI has
+    /// its own
     #[arg(long, value_parser = parse_cycle)]
     cycle: Option<Nanos>,
     /// Write to this file instead of standard output
@@ -44,7 +46,7 @@ fn parse_cycle(text: &str) -> Result<Nanos, String> {
     parse_duration(text).map_err(|error| error.to_string())
 }
 
-/// Makes the file; gives the exit code.
+/// Makes the file; returns the exit code.
 pub(super) fn run(arguments: &Arguments) -> u8 {
     let mut made = match sources::collect(&arguments.what, &arguments.esi) {
         Ok(made) => made,
@@ -92,7 +94,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
     if written == BAD_INPUT { BAD_INPUT } else { code }
 }
 
-/// Whether the plan of a file fits; what is wrong where there is none.
+/// Whether the plan of a file fits; an error if there is no plan.
 fn planned(file: &NewFile, name: &str) -> Result<bool, String> {
     let text = file.text(name);
     let segment = SegmentFile::parse(name, &text).map_err(|error| error.to_string())?;

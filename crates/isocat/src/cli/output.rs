@@ -1,22 +1,23 @@
-//! Files that the command writes: they appear whole, or not at all.
+//! Files that the command writes: they appear complete, or not at all.
 //!
-//! A file is written under another name in the same folder, `NAME.PID.part`, brought to the disk and then renamed. So
-//! what stood there before stays until the new file is complete, and a full disk or a signal leaves no half of a file
-//! under its final name. Devices, pipes and what lies below `/dev` and `/proc` are written directly.
+//! A file is written under another name in the same folder, `NAME.PID.part`, flushed to the disk
+//! and then renamed. So an existing file stays until the new one is complete, and a full disk or a
+//! signal leaves no partial file under the final name. Devices, pipes and files below `/dev` and
+//! `/proc` are written directly.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// A file in the making. One that is dropped before [`commit`](Self::commit) leaves nothing behind.
+/// A file under construction. If it is dropped before [`commit`](Self::commit), nothing is left.
 pub struct Output {
     file: File,
-    /// The name under which it is written, and the final one; `None` where it is written directly.
+    /// The temporary and the final name; `None` if it is written directly.
     names: Option<(PathBuf, PathBuf)>,
 }
 
 impl Output {
-    /// Begins a file that will stand at `path`. What stands there has to be writable.
+    /// Begins a file for `path`. An existing file must be writable.
     pub fn create(path: &Path) -> io::Result<Self> {
         let Some(target) = renamed_to(path)? else {
             let file = OpenOptions::new().write(true).create(true).truncate(true).open(path)?;
@@ -42,12 +43,12 @@ impl Output {
         Ok(output)
     }
 
-    /// What is written to. All of it has to be written before [`commit`](Self::commit).
+    /// The file to write. Everything must be written before [`commit`](Self::commit).
     pub fn file(&self) -> io::Result<File> {
         self.file.try_clone()
     }
 
-    /// Gives the file its final name, once it is on the disk.
+    /// Flushes the file to the disk, and gives it its final name.
     pub fn commit(mut self) -> io::Result<()> {
         let Some((part, target)) = &self.names else { return Ok(()) };
         self.file.sync_all()?;
@@ -78,7 +79,7 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     output.commit()
 }
 
-/// Whether a file could be written there, before there is anything to write. Nothing changes.
+/// Checks whether a file could be written to `path`, without changing anything.
 pub fn probe(path: &Path) -> io::Result<()> {
     match renamed_to(path)? {
         Some(_) => Output::create(path).map(drop),
@@ -87,7 +88,7 @@ pub fn probe(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Where a file for `path` has to be renamed to: through links; `None` for what is no ordinary file.
+/// The final path of a file for `path`, with links resolved; `None` if it is no ordinary file.
 fn renamed_to(path: &Path) -> io::Result<Option<PathBuf>> {
     if ["/dev", "/proc"].iter().any(|folder| path.starts_with(folder)) {
         return Ok(None);
@@ -109,7 +110,7 @@ fn renamed_to(path: &Path) -> io::Result<Option<PathBuf>> {
 mod tests {
     use super::*;
 
-    /// An empty folder of this test's own.
+    /// An empty folder for this test.
     fn folder(name: &str) -> PathBuf {
         let folder =
             std::env::temp_dir().join(format!("isocat-output-{}-{name}", std::process::id()));

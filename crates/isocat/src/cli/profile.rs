@@ -1,4 +1,4 @@
-//! `isocat profile`: a profile file from a maker's description, an EEPROM, or what a scan found.
+//! `isocat profile`: a profile file from an ESI file, an EEPROM, or the result of a scan.
 
 use std::path::{Path, PathBuf};
 
@@ -33,10 +33,9 @@ Exit code: 0 written, 2 can't be read, or is none that a profile can say.";
 /// Arguments of `isocat profile`.
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// A maker's description (.xml), a document of `isocat scan --json` (.json), or the content of
-    /// an EEPROM
+    /// An ESI file (.xml), a document of `isocat scan --json` (.json), or the content of an EEPROM
     file: String,
-    /// Which device of the description
+    /// Type of the device in the description
     #[arg(long = "type", value_name = "TYPE")]
     kind: Option<String>,
     /// Its product code, such as 0x1B813052
@@ -45,10 +44,10 @@ pub(super) struct Arguments {
     /// Its revision; without it the newest
     #[arg(long, value_name = "REVISION", value_parser = number)]
     revision: Option<u32>,
-    /// The OpMode whose PDOs are assigned, by its name or number; without it the first with SYNC0
+    /// Name or number of the OpMode whose PDOs are assigned; without it the first with SYNC0
     #[arg(long, value_name = "OPMODE")]
     opmode: Option<String>,
-    /// Which device of the scan, by its position or name; without it the only one
+    /// Position or name of the device in the scan; without it the only one
     #[arg(long, value_name = "DEVICE")]
     device: Option<String>,
     /// Write to this file instead of standard output
@@ -56,7 +55,7 @@ pub(super) struct Arguments {
     out: Option<PathBuf>,
 }
 
-/// Makes the file; gives the exit code.
+/// Makes the file; returns the exit code.
 pub(super) fn run(arguments: &Arguments) -> u8 {
     let written = match made(arguments) {
         Ok(written) => written,
@@ -86,7 +85,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
     }
 }
 
-/// A path as a segment file beside it names it: with a slash, which no name of a built-in profile
+/// A path for a segment file in the same folder: with a slash, which no name of a built-in profile
 /// has.
 fn in_segment_file(path: &str) -> String {
     match path.contains(['/', '\\']) {
@@ -223,8 +222,8 @@ fn of_scan_document(path: &str, wanted: Option<&str>) -> Result<ProfileText, Str
         .map_err(|error| format!("{path}: devices[{position}]: {}", error.message))
 }
 
-/// A device of the document; an error is the place that is not as a scan prints it, and what was
-/// expected.
+/// A device of the document; an error is the place that differs from the output of a scan, and the
+/// expected value.
 fn found(device: &Value, position: usize) -> Result<Found, String> {
     let esc = &device["esc"];
     let of_esc = |key| integer(esc, key).map_err(|place| format!(".esc{place}"));
@@ -391,7 +390,7 @@ fn sync_object(object: &Value, key: &str) -> Result<(u16, Vec<FoundEntry>), Stri
     Ok((integer(object, "index").map_err(within)?, entries))
 }
 
-/// A number of the document; the error is its place and what was expected.
+/// A number of the document; the error is its place and the expected value.
 fn integer<T: TryFrom<u64>>(of: &Value, key: &str) -> Result<T, String> {
     let number = of[key].as_u64().and_then(|number| T::try_from(number).ok());
     number.ok_or_else(|| {
@@ -400,7 +399,7 @@ fn integer<T: TryFrom<u64>>(of: &Value, key: &str) -> Result<T, String> {
     })
 }
 
-/// What register 0x0982 has room for, ns.
+/// Largest pulse length in register 0x0982, ns.
 const LONGEST_PULSE: i64 = 655_350;
 /// Its unit, ns.
 const TICK: i64 = 10;

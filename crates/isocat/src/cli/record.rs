@@ -39,13 +39,13 @@ or a file could not be written.";
 /// Arguments of `record`.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// Network interface to listen to
+    /// Network interface to listen on
     #[arg(long, value_name = "IF")]
     interface: String,
     /// Network namespace of the interface
     #[arg(long, value_name = "NAME")]
     netns: Option<String>,
-    /// Folder for the files, which is made if it is not there
+    /// Folder for the files, which is created if it does not exist
     #[arg(long, value_name = "FOLDER", default_value = ".")]
     into: PathBuf,
     /// End after this time; without it a signal ends it
@@ -54,35 +54,36 @@ pub struct Arguments {
     /// Segment file with the names of the devices, in their order
     #[arg(long, value_name = "SEGMENT")]
     segment: Option<String>,
-    /// Print a JSON document a line
+    /// Print one JSON document per line
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     keys: Keys,
 }
 
-/// How much is recorded, and when.
+/// Amount and triggers of the recording.
 #[derive(Args, Clone, Debug, Default)]
 #[group(skip)]
 pub struct Keys {
-    /// How much is kept of what was before: 10ms to 10min, default 10s
+    /// Time that is kept before an incident: 10ms to 10min, default 10s
     #[arg(long, value_name = "DURATION", value_parser = keep)]
     keep: Option<Duration>,
-    /// How long it goes on behind: 0s to 1min, default 2s
+    /// Time that is recorded after it: 0s to 1min, default 2s
     #[arg(long, value_name = "DURATION", value_parser = after)]
     after: Option<Duration>,
-    /// Files of one recording: the first one and the newest others stay; default 10
+    /// Largest number of files of one recording: the first one and the newest others stay; default
+    /// 10
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
     most_files: Option<u16>,
-    /// What a file is written for; default all of them
+    /// Incidents that trigger a file; default all
     #[arg(long, value_name = "WHAT", value_delimiter = ',', value_enum)]
     on: Vec<On>,
-    /// Memory for frames, MiB; what does not fit is older than what does; default 128
+    /// Memory for frames, MiB; older frames are dropped first; default 128
     #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u16).range(1..=16_384))]
     memory: Option<u16>,
 }
 
-/// `--record` of verbs that have an interface for something else.
+/// `--record` of verbs that use an interface for another purpose.
 #[derive(Args, Clone, Debug, Default)]
 #[group(skip)]
 #[command(next_help_heading = "Recording when something happens")]
@@ -107,7 +108,7 @@ impl Keys {
         Wanted { limits, on, names }
     }
 
-    /// The first key that was given.
+    /// The first option that was given.
     fn given(&self) -> Option<&'static str> {
         let keys = [
             (self.keep.is_some(), "--keep"),
@@ -121,8 +122,8 @@ impl Keys {
 }
 
 impl Recording {
-    /// Begins to record what goes through an interface, if that was asked for; `names` are those of
-    /// the devices, by position.
+    /// Starts to record the frames of an interface, if requested; `names` are those of the devices,
+    /// by position.
     pub fn begin(
         &self,
         interface: &str,
@@ -133,19 +134,19 @@ impl Recording {
         guard(folder, interface, self.keys.wanted(names)).map(Some)
     }
 
-    /// What is wrong with keys that have nothing to record; `None`: nothing.
+    /// The error for options without a recording; `None` if there is none.
     pub fn refused(&self) -> Option<String> {
         let key = self.keys.given().filter(|_| self.record.is_none())?;
         Some(format!("{key} needs --record FOLDER: it says how much is recorded"))
     }
 
-    /// Whether it was asked for, or any key of it was given.
+    /// Whether a recording was requested, or any option of it was given.
     pub fn is_given(&self) -> bool {
         self.record.is_some() || self.keys.given().is_some()
     }
 }
 
-/// What became of files, in the words of a report's notes; what happened stands there already.
+/// Results of the files, in the form of a report's notes; the incidents are already in the report.
 pub fn notes(events: &Receiver<Event>) -> Vec<String> {
     let words = events.try_iter().filter_map(|event| match &event {
         Event::Happened { .. } => None,
@@ -158,7 +159,7 @@ pub fn notes(events: &Receiver<Event>) -> Vec<String> {
     words.collect()
 }
 
-/// Begins to guard an interface. SIGUSR1 asks for a file from then on.
+/// Starts to guard an interface. From then on SIGUSR1 triggers a file.
 fn guard(
     folder: &Path,
     interface: &str,
@@ -171,7 +172,7 @@ fn guard(
         .map_err(|error| format!("the folder {} can't be written: {error}", folder.display()))
 }
 
-/// Runs the verb; gives the exit code.
+/// Runs the verb; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     match record(arguments) {
         Ok(code) => code,
@@ -216,13 +217,13 @@ fn record(arguments: &Arguments) -> Result<u8, String> {
     })
 }
 
-/// What is printed while it listens.
+/// The output while it listens.
 struct Log {
     json: bool,
-    /// Reasons and files that could not be written.
+    /// Number of incidents, and of files that could not be written.
     happened: u64,
     failed: u64,
-    /// That of the output.
+    /// Exit code of the output.
     code: u8,
 }
 
@@ -313,11 +314,12 @@ fn between(text: &str, least: Nanos, most: Nanos, expected: &str) -> Result<Dura
     }
 }
 
-/// What is kept without `--keep`: the way from the cause to what it is seen by is rarely longer.
+/// Time that is kept without `--keep`: the time from a cause to its visible effect is rarely
+/// longer.
 const KEEP: Duration = Duration::from_secs(10);
 const AFTER: Duration = Duration::from_secs(2);
 const MOST_FILES: u16 = 10;
-/// Half a minute of two directions at a tenth of 100 Mbit/s.
+/// Enough for half a minute of both directions at a tenth of 100 Mbit/s.
 const MEMORY_MIB: u16 = 128;
 
 #[cfg(test)]

@@ -35,11 +35,11 @@ nothing to compare.";
 pub struct Arguments {
     /// Capture of a real segment: pcapng or pcap, both directions in one file
     capture: PathBuf,
-    /// Segment file with the devices in their order: their chips and EEPROM contents, where the
+    /// Segment file with the devices in their order: their chips and EEPROM contents, if the
     /// capture does not show them
     #[arg(long, value_name = "SEGMENT")]
     segment: Option<String>,
-    /// Print each difference, not only the first ones
+    /// Print all differences, not only the first ones
     #[arg(long, conflicts_with = "json")]
     all: bool,
     /// Print as one JSON document
@@ -47,7 +47,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Replays; gives the exit code.
+/// Replays; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     let path = arguments.capture.display().to_string();
     let bytes = match limits::read(&path, limits::CAPTURE) {

@@ -41,52 +41,58 @@ docs/exports.md says what is in each file.";
 /// Arguments of `run`.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// Segment file, or the ENI of a configuration tool (.xml, .eni); without one, the built-in segment runs
+    /// Segment file, or the ENI of a configuration tool (.xml, .eni); without one, the built-in
+    /// segment runs
     pub segment: Option<String>,
-    /// How long to run once all devices are in OP, in virtual time or, with --interface, in host time:
+    /// Time to run once all devices are in OP, in virtual time or, with --interface, in host time:
     /// 500ms, 10s, 2min
     #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
     pub duration: Option<Nanos>,
-    /// Seed of everything random; the same seed gives the same run
+    /// Seed of all randomness; the same seed gives the same run
     #[arg(long)]
     seed: Option<u64>,
-    /// Law of all drift loops, in the place of what the file says: hold, block or proportional
+    /// Law of all drift loops, instead of that of the file: hold, block or proportional
     #[arg(long, value_name = "NAME")]
     drift_law: Option<DriftLaw>,
-    /// What `isocat calibrate --chips` measured on a real segment, for the chips of the virtual one
+    /// Result of `isocat calibrate --chips` on a real segment, for the chips of the virtual one
     #[arg(long, value_name = "FILE")]
     chips: Option<String>,
     /// Print the report as one JSON document
     #[arg(long)]
     pub json: bool,
-    /// Also write the report to this file: with timing diagrams if it ends in .html, JSON if in .json, else text
+    /// Also write the report to this file: with timing diagrams if it ends in .html, JSON if in
+    /// .json, otherwise text
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
-    /// Also write a JUnit file for a CI: each `[[expect]]` of the segment file is a test, without any the verdict is one
+    /// Also write a JUnit file for a CI system: each `[[expect]]` of the segment file is a test;
+    /// without any the verdict is one
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
-    /// Write every frame to this pcapng file, with comments where something happened
+    /// Write every frame to this pcapng file, with comments at incidents
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
-    /// Write what happens at each SubDevice (SYNC0, SYNC1, SM events, steps, states) to this VCD file, as waveforms
+    /// Write the events at each SubDevice (SYNC0, SYNC1, SM events, steps, states) to this VCD
+    /// file, as waveforms
     #[arg(long, value_name = "FILE")]
     pub waves: Option<PathBuf>,
     #[command(flatten)]
     pub files: super::files::Options,
-    /// Go on without devices that fail on the way up: each is named with the cause, the others run and are judged;
-    /// exit 1 if any was left out that the segment file does not call optional
+    /// Continue without devices that fail on the way up: each is named with the cause, the others
+    /// run and are judged; exit 1 if one was left out that is not optional in the segment file
     #[arg(long)]
     pub tolerate: bool,
-    /// For testing: let the clocks run apart
+    /// For testing: let the clocks drift apart
     #[arg(long)]
     no_drift_compensation: bool,
     /// For testing: run although the timing budget does not fit
     #[arg(long)]
     force: bool,
-    /// For testing: simulate regular cycles by the long way, too; nothing but the time that it takes depends on it
+    /// For testing: simulate regular cycles without the shortcut, too; only the computing time
+    /// depends on it
     #[arg(long, hide = true)]
     no_lane: bool,
-    /// With --interface: answer GET /metrics for Prometheus here while it runs: a port of this machine, or an address
+    /// With --interface: answer GET /metrics for Prometheus at this address while it runs: a port
+    /// of this machine, or an address
     #[arg(long, value_name = "ADDRESS", value_parser = crate::metrics::address)]
     pub metrics: Option<std::net::SocketAddr>,
     #[command(flatten)]
@@ -107,7 +113,7 @@ pub fn duration(text: &str) -> Result<Nanos, String> {
 
 const LONGEST: Nanos = Nanos::millis(24 * 3_600_000);
 
-/// Runs the verb; gives the exit code.
+/// Runs the verb; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     let path = arguments.segment.as_deref();
     if let Some(eni) = path.filter(|path| super::eni_run::is_eni(path)) {
@@ -191,7 +197,7 @@ pub fn run(arguments: &Arguments) -> u8 {
     finish(arguments, &scenario, &report, outcome, refused)
 }
 
-/// Plays an ENI, unless keys are given that go with a segment file alone.
+/// Plays an ENI, unless options are given that only apply to a segment file.
 fn run_eni(arguments: &Arguments, path: &str) -> u8 {
     #[cfg(target_os = "linux")]
     let (on_wire, records) =
@@ -243,7 +249,8 @@ fn run_eni(arguments: &Arguments, path: &str) -> u8 {
     super::eni_run::run(path, &wishes)
 }
 
-/// What a run comes to, for scripts: by the judges and what was expected, and not by anything that a sentence says.
+/// The exit code of a run: it depends on the judges and the expectations, never on the text of a
+/// sentence.
 fn exit_code(report: &Report, refused: bool) -> u8 {
     match (refused, report.as_expected()) {
         (true, _) => BAD_INPUT,
@@ -252,7 +259,7 @@ fn exit_code(report: &Report, refused: bool) -> u8 {
     }
 }
 
-/// Writes everything that was asked for.
+/// Writes all requested output.
 fn finish(
     arguments: &Arguments,
     scenario: &Scenario,
@@ -298,7 +305,7 @@ pub fn json(report: &impl Serialize) -> String {
     text.expect("a report has no map keys that JSON lacks") + "\n"
 }
 
-/// Writes a report to the file that was asked for, if one was: as its ending says.
+/// Writes a report to the requested file, if any, in the format of its ending.
 pub(crate) fn write_report(
     path: Option<&Path>,
     report: &impl Serialize,
@@ -314,18 +321,18 @@ pub(crate) fn write_report(
     super::output::write(path, content).map_err(|error| unwritable("report", Some(path), &error))
 }
 
-/// Whether a report is wanted as a page.
+/// Whether a report is requested as a page.
 pub(crate) fn is_page(path: Option<&Path>) -> bool {
     let ending = path.and_then(Path::extension).and_then(|ending| ending.to_str());
     matches!(ending, Some("html" | "htm"))
 }
 
-/// A duration as an argument: `10s`.
+/// A duration as an argument, such as `10s`.
 pub fn argument(duration: Nanos) -> String {
     duration.to_string().replace(' ', "")
 }
 
-/// A command as a shell takes it.
+/// A command in the syntax of a shell.
 pub fn command(words: &[&str]) -> String {
     let plain = |c: char| c.is_alphanumeric() || "-_./=:+,%@".contains(c);
     let quoted = words.iter().map(|word| match !word.is_empty() && word.chars().all(plain) {
@@ -335,7 +342,7 @@ pub fn command(words: &[&str]) -> String {
     quoted.collect::<Vec<_>>().join(" ")
 }
 
-/// What the MainDevice refuses, with the place of the device in the segment file, if there is one.
+/// The MainDevice's refusal, with the place of the device in the segment file, if there is one.
 pub fn refusal(scenario: Option<&Scenario>, finding: Option<&Finding>, verdict: &str) -> String {
     let Some(finding) = finding else { return verdict.to_owned() };
     let Some(scenario) = scenario else { return finding.sentence() };
@@ -347,7 +354,7 @@ pub fn refusal(scenario: Option<&Scenario>, finding: Option<&Finding>, verdict: 
     format!("{place}: {}", finding.sentence())
 }
 
-/// Who misspells a verb gets it taken for a file.
+/// A hint for a misspelled verb, which is read as a file name.
 fn verb_hint(path: &str) -> String {
     use clap::CommandFactory;
     let command = super::CommandLine::command();
@@ -359,7 +366,7 @@ fn verb_hint(path: &str) -> String {
 }
 
 impl Arguments {
-    /// The scenario of a segment file, with what the arguments say differently.
+    /// The scenario of a segment file, changed by the arguments.
     pub fn scenario(&self, file: SegmentFile) -> Result<Scenario, FileError> {
         let mut scenario = Scenario::from(file);
         super::apply_chips(self.chips.as_deref(), &mut scenario)?;
@@ -395,7 +402,7 @@ impl Arguments {
         command(&words)
     }
 
-    /// Files that would be lost: the segment itself, or one result under the other.
+    /// Files that would be overwritten: the segment itself, or one result by the other.
     fn overwrites(&self) -> Option<String> {
         let same = |one: &Path, other: &Path| {
             one == other
@@ -430,7 +437,7 @@ pub(crate) fn unwritable(what: &str, path: Option<&Path>, error: &std::io::Error
     }
 }
 
-/// Shown on a terminal only, and only if the run takes a while.
+/// A progress bar, shown only on a terminal and only if the run takes a while.
 pub(crate) fn progress_bar(duration: Nanos) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();

@@ -16,10 +16,10 @@ use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 /// Arguments of `scan`.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// Segment file to scan in virtual time, or an ENI (.xml, .eni); without one, the built-in segment. With --interface:
-    /// an ENI to compare with what answers
+    /// Segment file to scan in virtual time, or an ENI (.xml, .eni); without one, the built-in
+    /// segment. With --interface: an ENI to compare with the devices that answer
     segment: Option<String>,
-    /// Scan what is on this network interface instead
+    /// Scan the segment on this network interface instead
     #[cfg(target_os = "linux")]
     #[arg(long, value_name = "IF", conflicts_with = "seed")]
     interface: Option<String>,
@@ -27,13 +27,13 @@ pub struct Arguments {
     #[cfg(target_os = "linux")]
     #[arg(long, value_name = "NAME", requires = "interface")]
     netns: Option<String>,
-    /// Tell all of the SubDevice at this position, and nothing else
+    /// Print all details of the SubDevice at this position, and nothing else
     #[arg(long, value_name = "N", conflicts_with = "json")]
     device: Option<usize>,
-    /// Read no objects by SDO: the SII alone says what process data there are
+    /// Read no objects by SDO: process data are those of the SII alone
     #[arg(long)]
     quick: bool,
-    /// Seed of everything random in virtual time
+    /// Seed of all randomness in virtual time
     #[arg(long)]
     seed: Option<u64>,
     /// Print as one JSON document
@@ -43,7 +43,7 @@ pub struct Arguments {
     eni: super::eni_run::Options,
 }
 
-/// Scans; gives the exit code.
+/// Scans; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     #[cfg(target_os = "linux")]
     if let Some(interface) = &arguments.interface {
@@ -107,7 +107,7 @@ fn on_interface(arguments: &Arguments, interface: &str) -> u8 {
     }
 }
 
-/// Compares what answers with an ENI.
+/// Compares the devices that answer with an ENI.
 #[cfg(target_os = "linux")]
 fn compare(arguments: &Arguments, place: Place<'_>, scan: &Scan, path: &str, list: &StartUp) -> u8 {
     if let Some(message) = no_answer(place, scan) {
@@ -147,14 +147,14 @@ fn finish(arguments: &Arguments, place: Place<'_>, scan: &Scan) -> u8 {
     }
 }
 
-/// What to say if all is asked of a SubDevice that is not there.
+/// The message if details of a missing SubDevice are requested.
 fn no_such_device(arguments: &Arguments, report: &ScanReport) -> Option<String> {
     let wanted = arguments.device.filter(|wanted| *wanted >= report.devices.len())?;
     let last = report.devices.len().saturating_sub(1);
     Some(format!("--device {wanted}: there is no such SubDevice, expected 0 to {last}"))
 }
 
-/// What to say if nobody answered; there is nothing to report then.
+/// The message if no device answered, so that there is nothing to report.
 fn no_answer(place: Place<'_>, scan: &Scan) -> Option<String> {
     if !scan.segment.devices.is_empty() {
         return None;

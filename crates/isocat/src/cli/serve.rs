@@ -38,38 +38,41 @@ pub struct Arguments {
     /// Network namespace of the interface, as `ip netns` names it
     #[arg(long, value_name = "NAME", requires = "interface", conflicts_with = "setup_veth")]
     netns: Option<String>,
-    /// Make a network namespace NAME with a veth pair in it, two for a ring, serve there, and remove it at the end
+    /// Create a network namespace NAME with a veth pair in it, two for a ring, serve there, and
+    /// remove it at the end
     #[arg(long, value_name = "NAME", conflicts_with = "interface")]
     setup_veth: Option<String>,
-    /// Spin instead of sleeping: answers within microseconds, but takes a processor for itself
+    /// Spin instead of sleeping: answers within microseconds, but occupies a processor
     #[arg(long)]
     busy: bool,
-    /// Events and the summary as JSON, a line each
+    /// Events and the summary as JSON, one per line
     #[arg(long)]
     json: bool,
-    /// Seed of everything random
+    /// Seed of all randomness
     #[arg(long)]
     seed: Option<u64>,
-    /// Law of all drift loops, in the place of what the file says: hold, block or proportional
+    /// Law of all drift loops, instead of that of the file: hold, block or proportional
     #[arg(long, value_name = "NAME")]
     drift_law: Option<DriftLaw>,
-    /// What `isocat calibrate --chips` measured on a real segment, for the chips of the virtual one
+    /// Result of `isocat calibrate --chips` on a real segment, for the chips of the virtual one
     #[arg(long, value_name = "FILE")]
     chips: Option<String>,
-    /// Also write the summary to this file: a page if it ends in .html, JSON if in .json, else text
+    /// Also write the summary to this file: a page if it ends in .html, JSON if in .json, otherwise
+    /// text
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// What the segment file expects, as JUnit for a CI: each expectation is a test
+    /// Write the expectations of the segment file to this file as JUnit for a CI system: each is a
+    /// test
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
-    /// Answer GET /metrics for Prometheus here: a port of this machine, or an address
+    /// Answer GET /metrics for Prometheus at this address: a port of this machine, or an address
     #[arg(long, value_name = "ADDRESS", value_parser = crate::metrics::address)]
     metrics: Option<std::net::SocketAddr>,
     #[command(flatten)]
     recording: Recording,
 }
 
-/// Runs the verb; gives the exit code.
+/// Runs the verb; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     let file = match super::segment_or_built_in(arguments.segment.as_deref()) {
         Ok(file) => file,
@@ -146,7 +149,7 @@ pub fn run(arguments: &Arguments) -> u8 {
 /// Names of the interfaces.
 struct Ends {
     primary: String,
-    /// Of a ring.
+    /// The second one, for a ring.
     secondary: Option<String>,
 }
 
@@ -158,7 +161,7 @@ impl Ends {
     }
 }
 
-/// `eth1`, or `eth1 and eth2`.
+/// The names as text: `eth1`, or `eth1 and eth2`.
 impl fmt::Display for Ends {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.primary)?;
@@ -167,7 +170,7 @@ impl fmt::Display for Ends {
 }
 
 impl Arguments {
-    /// Begins what `--record` asks for.
+    /// Starts the recording for `--record`.
     fn tape(&self, scenario: &Scenario, interface: &str) -> Result<Option<Tape>, String> {
         if self.recording.is_given() && scenario.ring.is_some() {
             return Err("--record is for one interface; expected a segment that is no ring".into());
@@ -177,7 +180,7 @@ impl Arguments {
         Ok(begun.map(|(guard, events)| Tape { recorder: Recorder::new(guard), events }))
     }
 
-    /// Where to serve; what is wrong with it for this segment.
+    /// The interfaces to serve on; an error if they do not fit this segment.
     fn ends(&self, scenario: &Scenario) -> Result<Ends, String> {
         let (source, is_ring) = (&scenario.source, scenario.ring.is_some());
         if let Some(name) = &self.setup_veth {
@@ -202,7 +205,7 @@ impl Arguments {
     }
 }
 
-/// Writes everything that was asked for; gives the exit code.
+/// Writes all requested output; returns the exit code.
 fn finish(arguments: &Arguments, summary: &Summary, seed: u64) -> u8 {
     let json = |pretty| {
         let text = if pretty {
@@ -237,19 +240,19 @@ fn finish(arguments: &Arguments, summary: &Summary, seed: u64) -> u8 {
     }
 }
 
-/// The last seconds of what goes through the interface, and what is said of them.
+/// The recording of the interface, and its events.
 struct Tape {
     recorder: Recorder,
     events: Receiver<record::Event>,
 }
 
-/// Lines that may wait for a reader.
+/// Largest number of lines that wait for a reader.
 const MOST_LINES: usize = 65_536;
 
-/// Says what happens, on a thread of its own: nobody who does not read may hold up a frame.
+/// Prints events on a separate thread, so that a reader that does not read cannot delay a frame.
 struct Teller {
     lines: Option<SyncSender<String>>,
-    /// Lines that were left out, as nobody reads.
+    /// Number of lines that were dropped because the reader did not read.
     left_out: Cell<u64>,
     writer: Option<std::thread::JoinHandle<()>>,
     json: bool,
@@ -307,7 +310,7 @@ impl Teller {
         }
     }
 
-    /// Tells what the recording says.
+    /// Prints the events of the recording.
     fn tell_tape(&self, events: &Receiver<record::Event>) {
         for event in events.try_iter() {
             self.say(match self.json {
@@ -317,7 +320,7 @@ impl Teller {
         }
     }
 
-    /// Ends the output: everything is written.
+    /// Ends the output, with everything written.
     fn end(&mut self) {
         if let Some(Tape { recorder, events }) = self.tape.take() {
             match recorder.finish() {
@@ -473,7 +476,7 @@ fn event_json(server: &Server, event: &Event, now: i64) -> String {
     line.to_string()
 }
 
-/// State, counters and SYNC of every SubDevice, as of now.
+/// Present state, counters and SYNC of every SubDevice.
 fn status(server: &Server) -> serde_json::Value {
     let judged = server.judged();
     let devices =
@@ -516,13 +519,13 @@ fn hex(address: &[u8; 6]) -> String {
 pub struct ControlArguments {
     /// Interface on which `isocat serve` runs
     interface: String,
-    /// pull DEVICE, plug DEVICE, power-cycle DEVICE [TIME], drop FRAMES, loss SHARE%, delay TIME [TIME],
-    /// status, watch, stop
+    /// pull DEVICE, plug DEVICE, power-cycle DEVICE [TIME], drop FRAMES, loss SHARE%, delay TIME
+    /// [TIME], status, watch, stop
     #[arg(required = true, trailing_var_arg = true)]
     command: Vec<String>,
 }
 
-/// Runs `control`; gives the exit code.
+/// Runs `control`; returns the exit code.
 pub fn control(arguments: &ControlArguments) -> u8 {
     let path = control::find_served(&arguments.interface);
     let answer = match control::request(&path, &arguments.command.join(" ")) {

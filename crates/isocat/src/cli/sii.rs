@@ -1,4 +1,4 @@
-//! `isocat sii`: what stands in an EEPROM, and what a maker's tool would write there.
+//! `isocat sii`: the content of an EEPROM, and the image that a vendor's tool would write.
 
 use std::path::{Path, PathBuf};
 
@@ -27,10 +27,10 @@ pub(super) struct Arguments {
     /// The file: an image, or Intel HEX
     #[arg(required_unless_present = "from", conflicts_with = "from")]
     file: Option<String>,
-    /// Make the image of a device instead: a maker's description (.xml), or a profile by its name or path
+    /// Make the image of a device instead: an ESI file (.xml), or a profile by its name or path
     #[arg(long, value_name = "DEVICE")]
     from: Option<String>,
-    /// Which device of the description
+    /// Type of the device in the description
     #[arg(long = "type", value_name = "TYPE", requires = "from")]
     kind: Option<String>,
     /// Its product code, such as 0x1B813052
@@ -42,12 +42,12 @@ pub(super) struct Arguments {
     /// Write the image to this file
     #[arg(long, value_name = "FILE", requires = "from")]
     out: Option<PathBuf>,
-    /// Print what is in it as one JSON document
+    /// Print the content as one JSON document
     #[arg(long)]
     json: bool,
 }
 
-/// Reads or writes; gives the exit code.
+/// Reads or writes; returns the exit code.
 pub(super) fn run(arguments: &Arguments) -> u8 {
     let file = match (&arguments.file, &arguments.from) {
         (Some(path), _) => SiiFile::read(path).map_err(|error| error.to_string()),

@@ -1,4 +1,4 @@
-//! `isocat sweep`: many runs of one segment, each a row.
+//! `isocat sweep`: many runs of one segment, with a row for each.
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -41,38 +41,39 @@ docs/sweep.md says what is in a row.";
 pub struct Arguments {
     /// Segment file; without one, the built-in segment runs
     segment: Option<String>,
-    /// Values of a key: each makes a point of a grid (host.jitter=5us,50us); a range is drawn in each run
-    /// (subdevice[*].cable=1m..100m); may stand several times
+    /// Values of a key: each makes a point of a grid (host.jitter=5us,50us); a value of a range is
+    /// drawn in each run (subdevice[*].cable=1m..100m); may be given several times
     #[arg(long, value_name = "KEY=VALUES")]
     vary: Vec<String>,
-    /// How many seeds each point of the grid is run with
+    /// Number of seeds for each point of the grid
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     seeds: u64,
     /// The first seed
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=1_000_000_000_000))]
     first_seed: u64,
-    /// swarm: each run draws 1 to 4 faults of its own beside those of the file
+    /// swarm: each run draws 1 to 4 faults of its own in addition to those of the file
     #[arg(long, value_name = "HOW", value_parser = ["swarm"])]
     faults: Option<String>,
-    /// Threads; default one for each processor
+    /// Threads; default one per processor
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Write a row for each run to this file: Parquet if it ends in .parquet, else CSV
+    /// Write a row for each run to this file: Parquet if it ends in .parquet, otherwise CSV
     #[arg(long, value_name = "FILE")]
     rows: Option<PathBuf>,
-    /// Go on with the CSV file of --rows behind its last row
+    /// Continue the CSV file of --rows after its last row
     #[arg(long, requires = "rows")]
     resume: bool,
     /// Write a page with totals, histograms and the frontier of the grid's first two axes
     #[arg(long, value_name = "FILE.html", conflicts_with = "resume")]
     page: Option<PathBuf>,
-    /// Look for the value of a key at which runs stop being as expected, over all seeds (host.jitter=5us..500us)
+    /// Look for the value of a key at which runs stop being as expected, over all seeds
+    /// (host.jitter=5us..500us)
     #[arg(long, value_name = "KEY=LEAST..MOST", conflicts_with_all = ["rows", "failed", "page"])]
     bisect: Option<String>,
-    /// Write the segment file of each run that was not as expected into this folder, 100 at most
+    /// Write the segment file of each run that was not as expected into this folder, at most 100
     #[arg(long, value_name = "FOLDER")]
     failed: Option<PathBuf>,
-    /// Make them small first: as few faults and devices and as little time as still fail the same way
+    /// Reduce them first: as few faults and devices and as little time as still fail the same way
     #[arg(long, requires = "failed")]
     shrink: bool,
     /// Print the totals as one JSON document
@@ -80,10 +81,10 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Segment files of failed runs that are written.
+/// Largest number of segment files of failed runs that are written.
 const MOST_FAILED: usize = 100;
 
-/// Runs all; gives the exit code.
+/// Runs all; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     match arguments.sweep() {
         Ok(code) => code,
@@ -179,7 +180,7 @@ impl Arguments {
         )
     }
 
-    /// What gives the same totals again.
+    /// The command that gives the same totals again.
     fn command(&self) -> String {
         let mut words = vec!["isocat".to_owned(), "sweep".to_owned()];
         words.extend(self.segment.clone());
@@ -205,7 +206,7 @@ impl Arguments {
     }
 }
 
-/// How a segment is called in what is told.
+/// Name of a segment in messages.
 fn path_of(segment: Option<&str>) -> &str {
     segment.unwrap_or("built-in segment")
 }

@@ -41,25 +41,24 @@ supervised here; 3 not known, as no SubDevice was in OP; 4 nothing speaks agains
 pub struct Arguments {
     /// Segment file; without one, the built-in segment
     segment: Option<String>,
-    /// Name of the interface that the program is to use; it must not exist
+    /// Name of the interface for the program; it must not exist
     #[arg(long, value_name = "IF", default_value = "vt0")]
     interface: String,
     /// Name of the interface at the other end of a ring
     #[arg(long, value_name = "IF")]
     secondary: Option<String>,
-    /// Seed of everything random: the segment, the host's bad luck, the program's random numbers
+    /// Seed of all randomness: the segment, the delays of the host, the program's random numbers
     #[arg(long)]
     seed: Option<u64>,
-    /// Wake-ups of the program come late by up to this, in the place of what the file says of its
-    /// host
+    /// Wake-ups of the program come late by up to this, instead of the lateness of the file's host
     #[arg(long, value_name = "TIME", value_parser = luck::lateness)]
     lateness: Option<Nanos>,
-    /// Wake-ups come as late as measured: a histogram as cyclictest -q -h writes it, or lines of
-    /// microseconds and counts
+    /// Wake-ups are late as measured: a histogram of cyclictest -q -h, or lines of microseconds and
+    /// counts
     #[arg(long, value_name = "FILE", conflicts_with = "lateness")]
     lateness_from: Option<PathBuf>,
-    /// One in this many system calls takes up to this much longer, as when another program has the
-    /// processor (1000:300us)
+    /// On average one system call in this many takes longer, by up to this time, as when another
+    /// program has the processor (1000:300us)
     #[arg(long, value_name = "ONE_OF:TIME", value_parser = luck::preemption)]
     preemption: Option<(u64, Nanos)>,
     /// End the program after this virtual time, up to 24 hours
@@ -68,26 +67,28 @@ pub struct Arguments {
     /// Print the summary as JSON on standard output, once the program has ended
     #[arg(long)]
     json: bool,
-    /// Also write the summary to this file: a page if it ends in .html, JSON if in .json, else text
+    /// Also write the summary to this file: a page if it ends in .html, JSON if in .json, otherwise
+    /// text
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// What the segment file expects, as JUnit for a CI: each expectation is a test
+    /// Write the expectations of the segment file to this file as JUnit for a CI system: each is a
+    /// test
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
     /// Write all frames to this file, in true time: pcapng
     #[arg(long, value_name = "FILE")]
     capture: Option<PathBuf>,
-    /// Write what happens at the SubDevices to this file, as waveforms: VCD
+    /// Write the events at the SubDevices to this file, as waveforms: VCD
     #[arg(long, value_name = "FILE")]
     waves: Option<PathBuf>,
-    /// Write frames, and what happens at each SubDevice, to this file, as a trace for Perfetto
+    /// Write frames, and the events at each SubDevice, to this file, as a trace for Perfetto
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
     /// Write a table with one row for each SubDevice and cycle to this file: CSV if it ends in
     /// .csv, Parquet if in .parquet
     #[arg(long, value_name = "FILE")]
     series: Option<PathBuf>,
-    /// Take the segment from this file, as if it stood in the place of SEGMENT
+    /// Read the segment from this file, as if it were SEGMENT
     #[arg(long, value_name = "FILE", hide = true)]
     text: Option<String>,
     #[command(flatten)]
@@ -97,7 +98,7 @@ pub struct Arguments {
     program: Vec<OsString>,
 }
 
-/// Runs the verb; gives the exit code.
+/// Runs the verb; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     let result = match arguments.many.seeds {
         Some(seeds) => seeds::run(arguments, seeds),
@@ -139,7 +140,7 @@ impl Arguments {
         file.map_err(|error| error.to_string())
     }
 
-    /// The names of the interfaces, if they can be had.
+    /// The names of the interfaces, if they are available.
     fn interfaces(&self, scenario: &Scenario) -> Result<Vec<String>, String> {
         if self.secondary.is_some() != scenario.ring.is_some() {
             let expected = if scenario.ring.is_some() {
@@ -201,7 +202,7 @@ impl Arguments {
         Wanted::of(paths.map(|path| path.as_deref()))
     }
 
-    /// Tells and writes all; gives the exit code.
+    /// Prints and writes all output; returns the exit code.
     fn finish(&self, summary: &Summary, seed: u64, ended: &Ended, hash: u64) -> Result<u8, String> {
         let words = outcome::words(ended, hash);
         anstream::eprint!("{}{words}", summary.text());

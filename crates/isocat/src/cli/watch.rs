@@ -25,31 +25,32 @@ use crate::watch::{Gate, Source, View};
 pub struct Arguments {
     /// Segment file; without one, the built-in segment
     segment: Option<String>,
-    /// How fast virtual time goes: so many times as fast as the host's clock, or "max"
+    /// Speed of virtual time: a factor of the host's clock, or "max"
     #[arg(long, default_value = "1", value_name = "TIMES", value_parser = Speed::parse)]
     speed: Speed,
-    /// Seed of everything random
+    /// Seed of all randomness
     #[arg(long)]
     seed: Option<u64>,
-    /// Law of all drift loops, in the place of what the file says: hold, block or proportional
+    /// Law of all drift loops, instead of that of the file: hold, block or proportional
     #[arg(long, value_name = "NAME")]
     drift_law: Option<DriftLaw>,
-    /// Lines instead of a screen; so it is too where there is no terminal
+    /// Print lines instead of a screen, as without a terminal
     #[arg(long)]
     plain: bool,
-    /// Wait until no SYNC error has been beyond this for as long as --for says, with all in OP, no counter grown and no alarm
+    /// Wait until every SYNC error has been within this limit for the time of --for, with all in
+    /// OP, no counter increase and no alarm
     #[arg(long, value_name = "ERROR", value_parser = error_limit)]
     until: Option<Nanos>,
-    /// How long the errors are to be small
+    /// Time for which the errors must be within the limit
     #[arg(long = "for", value_name = "DURATION", value_parser = duration, requires = "until")]
     hold: Option<Nanos>,
     /// End after this time of the segment; with --until: give up
     #[arg(long, value_name = "DURATION", value_parser = duration)]
     within: Option<Nanos>,
-    /// Answer GET /metrics for Prometheus here: a port of this machine, or an address
+    /// Answer GET /metrics for Prometheus at this address: a port of this machine, or an address
     #[arg(long, value_name = "ADDRESS", value_parser = metrics::address)]
     metrics: Option<SocketAddr>,
-    /// For testing: let the clocks run apart
+    /// For testing: let the clocks drift apart
     #[arg(long)]
     no_drift_compensation: bool,
     /// Run although the timing budget does not fit
@@ -60,7 +61,7 @@ pub struct Arguments {
     place: Place,
 }
 
-/// Where the segment is, if it is no simulation.
+/// The segment, if it is no simulation.
 #[cfg(target_os = "linux")]
 #[derive(Args, Debug)]
 #[group(skip)]
@@ -72,21 +73,21 @@ struct Place {
     /// Network namespace of the interface
     #[arg(long, value_name = "NAME", requires = "interface")]
     netns: Option<String>,
-    /// Take whatever is on the wire, every SubDevice in its best mode
+    /// Accept any segment on the wire, with every SubDevice in its best mode
     #[arg(long, requires = "interface", conflicts_with = "segment")]
     any: bool,
     /// Bus cycle with --any, default 1ms
     #[arg(long, requires = "any", value_parser = duration)]
     cycle: Option<Nanos>,
-    /// Never sleep: spin on the interface and the clock, which takes one CPU for itself
+    /// Never sleep: spin on the interface and the clock, which occupies one CPU
     #[arg(long, requires = "interface")]
     busy: bool,
-    /// Stay on this CPU, best an isolated one
+    /// Stay on this CPU, preferably an isolated one
     #[arg(long, value_name = "N", requires = "interface")]
     cpu: Option<usize>,
     #[command(flatten)]
     recording: super::record::Recording,
-    /// Watch what an `isocat serve` that runs serves: the interface it was given, or the name of --setup-veth
+    /// Watch the segment of a running `isocat serve`: its interface, or the name of --setup-veth
     #[arg(long, value_name = "NAME", conflicts_with_all = ["segment", "interface", "seed", "speed"])]
     serve: Option<String>,
 }
@@ -102,10 +103,10 @@ fn error_limit(text: &str) -> Result<Nanos, String> {
 }
 
 const MOST: Nanos = Nanos::millis(1_000);
-/// How long without --for.
+/// Time for which errors must be small without --for.
 const HOLD: Nanos = Nanos::millis(1_000);
 
-/// Runs the verb; gives the exit code.
+/// Runs the verb; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     if let (Some(within), Some(_)) = (arguments.within, arguments.until)
         && within < arguments.hold()
@@ -136,7 +137,7 @@ pub fn run(arguments: &Arguments) -> u8 {
     }
 }
 
-/// What a recording says.
+/// The events of a recording.
 #[derive(Default)]
 struct Recorded {
     #[cfg(target_os = "linux")]
@@ -183,7 +184,7 @@ fn show(
     })
 }
 
-/// Says how it ended.
+/// Reports the end.
 fn finish(arguments: &Arguments, end: End) -> u8 {
     let verdict = end.status.as_ref().map(Status::verdict);
     match (arguments.until, end.outcome) {
@@ -210,12 +211,13 @@ fn finish(arguments: &Arguments, end: End) -> u8 {
     }
 }
 
-/// Begins to answer for Prometheus; says what is wrong with the address.
+/// Starts to answer Prometheus; the error says what is wrong with the address.
 pub(super) fn serve_metrics(address: SocketAddr) -> Result<metrics::Server, String> {
     told(address, metrics::Server::listen(address))
 }
 
-/// The same for a service, which is asked for its status each time by its control socket, as anybody else asks it.
+/// The same for a service, which is asked for its status through its control socket at each
+/// request.
 #[cfg(target_os = "linux")]
 pub(super) fn serve_metrics_of(
     address: SocketAddr,
@@ -229,7 +231,7 @@ pub(super) fn serve_metrics_of(
     told(address, metrics::Server::listen_with(address, metrics::Page::default(), text))
 }
 
-/// Tells where it listens, and who can reach it.
+/// Reports the address of the server, and who can reach it.
 fn told(
     address: SocketAddr,
     server: std::io::Result<metrics::Server>,
@@ -245,7 +247,7 @@ fn told(
     Ok(server)
 }
 
-/// Colours, unless NO_COLOR says otherwise.
+/// Whether to use colours: unless NO_COLOR is set.
 fn wants_colour() -> bool {
     std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
 }
@@ -277,7 +279,7 @@ impl Arguments {
         scenario
     }
 
-    /// Begins; gives also what is told of the place.
+    /// Starts the source; also returns a description of the place.
     fn source(
         &self,
         stop: &Arc<AtomicBool>,
@@ -376,7 +378,7 @@ impl Arguments {
     }
 }
 
-/// Longer than anybody watches: a century.
+/// A century, longer than anybody watches.
 #[cfg(target_os = "linux")]
 const FOREVER: Nanos = Nanos(3_155_760_000_000_000_000);
 
@@ -396,6 +398,6 @@ fn served(name: &str, stop: &Arc<AtomicBool>) -> Result<(Source, String), String
     Ok((source, format!("served on {name}")))
 }
 
-/// From one question to a service to the next.
+/// Time from one request to a service to the next.
 #[cfg(target_os = "linux")]
 const ASK: std::time::Duration = std::time::Duration::from_millis(200);

@@ -1,4 +1,4 @@
-//! What the conformance suite found, as a page.
+//! The results of the conformance suite, as a page.
 
 use isocat_conform::report::{ConformanceReport, DeviceReport, RuleResult, Verdict};
 use maud::{Markup, html};

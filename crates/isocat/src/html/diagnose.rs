@@ -1,5 +1,5 @@
-//! What a capture shows, as a page: the verdict first, then what happened around the first fault,
-//! then what is known.
+//! The diagnosis of a capture, as a page: first the verdict, then the events around the first
+//! fault, then all other facts.
 
 use isocat_descriptions::quantity::time;
 use isocat_diagnose::DiagnoseReport;
@@ -18,12 +18,12 @@ pub mod figures;
 
 use figures::Figures;
 
-/// A diagnosis, and what is drawn beside it.
+/// A diagnosis, and the data of its drawings.
 #[derive(Clone, Copy, Debug)]
 pub struct Diagnosed<'a> {
     /// The report.
     pub report: &'a DiagnoseReport,
-    /// What was kept while the captures were read.
+    /// Data that were kept while the captures were read.
     pub figures: &'a Figures,
     /// The command that repeats it.
     pub command: &'a str,
@@ -66,7 +66,7 @@ impl Diagnosed<'_> {
         self.report.findings.iter().filter(|one| one.weight == WeightKind::Fault)
     }
 
-    /// What the page says first.
+    /// The verdict of the page.
     fn verdict(&self) -> String {
         match self.faults().next() {
             Some(first) => capital(&format!("{}.", first.what)),
@@ -74,7 +74,7 @@ impl Diagnosed<'_> {
         }
     }
 
-    /// The first fault: where, why, what to do, and the frames that show it.
+    /// The first fault: place, cause, remedies, and the frames that show it.
     fn first(&self) -> Markup {
         let Some(first) = self.faults().next() else { return html! {} };
         let device = first.device.and_then(|place| self.report.devices.get(place));
@@ -150,7 +150,7 @@ impl Diagnosed<'_> {
 
     fn moment(&self, moment: &MomentReport) -> Markup {
         let first = moment.request.or(moment.answer).unwrap_or(moment.last);
-        // What was right for the last time is evidence, too, but not what went wrong.
+        // The last correct state is evidence, too, but not what went wrong.
         let bad = self.faults().any(|fault| {
             let at = fault.frame;
             at.capture == first.capture && (first.frame..=moment.last.frame).contains(&at.frame)
@@ -166,7 +166,7 @@ impl Diagnosed<'_> {
         }
     }
 
-    /// The states of the devices over time, with the faults as marks.
+    /// The states of the devices over time, with marks for the faults.
     fn states(&self) -> Markup {
         let report = self.report;
         let lanes: Vec<Lane> =
@@ -188,7 +188,7 @@ impl Diagnosed<'_> {
         }
     }
 
-    /// Instants of faults, ns, with their words.
+    /// Instants of faults, ns, with their description.
     fn marks(&self) -> Vec<(f64, String)> {
         let at = |one: &FindingReport| {
             Some((one.at_ns? as f64, format!("{}: {}", self.frame(one.frame), one.what)))
@@ -277,7 +277,8 @@ impl Diagnosed<'_> {
         }
     }
 
-    /// From the first value to the end of the capture, ns: the way up, which has none, may be long.
+    /// Time span from the first value to the end of the capture, ns: the way up has no values and
+    /// may be long.
     fn span(&self, series: &Series) -> (f64, f64) {
         let begin = series.spans().first().map_or(0.0, |span| span.begin.0 as f64 / 1e3);
         (begin, self.figures.length_ns as f64)
@@ -383,7 +384,7 @@ impl Diagnosed<'_> {
         }
     }
 
-    /// `frame 17`; with several captures `frame 17 of b.pcapng`.
+    /// A frame as text: `frame 17`; with several captures `frame 17 of b.pcapng`.
     fn frame(&self, at: FrameRef) -> String {
         self.report.frame(at)
     }
@@ -421,7 +422,7 @@ fn row(place: usize, device: &DeviceReport) -> Markup {
     }
 }
 
-/// The states of a device one after the other, with the times in which it did not answer.
+/// The states of a device in sequence, with the times in which it did not answer.
 fn lane(device: &DeviceReport) -> Lane {
     let read = device.states.iter().map(|state| {
         let code = state.code.filter(|code| *code != 0);
@@ -444,7 +445,7 @@ fn lane(device: &DeviceReport) -> Lane {
         let within = |at: f64| at >= begin && end.is_none_or(|end| at < end);
         states.retain(|state| !within(state.at));
         let place = states.partition_point(|state| state.at < begin);
-        // What it answers first may be the state that it had before.
+        // Its first answer may be the state that it had before.
         let before = place.checked_sub(1).map(|before| states[before].clone());
         let again = end.filter(|end| states.get(place).is_none_or(|next| next.at > *end));
         let again = again.zip(before).map(|(at, before)| State { at, ..before });
@@ -476,9 +477,9 @@ fn seconds(ns: u64) -> String {
     format!("{:.6} s", ns as f64 / 1e9)
 }
 
-/// Devices with a lane.
+/// Largest number of devices with a lane.
 const MOST_LANES: usize = 40;
-/// Devices with a chart: a page stays below 2 MB.
+/// Largest number of devices with a chart, so that a page stays below 2 MB.
 const MOST_CHARTS: usize = 24;
-/// Logical datagrams in the table.
+/// Largest number of logical datagrams in the table.
 const MOST_ROWS: usize = 64;

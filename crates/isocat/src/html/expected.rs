@@ -1,11 +1,11 @@
-//! What was expected of a run, and what went wrong in it on purpose.
+//! The expectations of a run, and its injected faults.
 
 use isocat_engine::Report;
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
-/// A row for each expectation: whether it was met (`None`: that could not be judged), what it was and what was found. Nothing
-/// where nothing was expected.
+/// A row for each expectation: whether it was met (`None`: that could not be judged), the
+/// expectation and the observation. Empty without expectations.
 pub fn table(expected: &[(Option<bool>, &str, &str)]) -> Markup {
     html! {
         @if !expected.is_empty() {
@@ -28,7 +28,7 @@ pub fn table(expected: &[(Option<bool>, &str, &str)]) -> Markup {
     }
 }
 
-/// Both lists; nothing where there is neither.
+/// Both lists; empty if there are none.
 pub fn sections(report: &Report) -> Markup {
     let expected = report.expected.iter().map(|one| (Some(one.met), &*one.what, &*one.found));
     html! {

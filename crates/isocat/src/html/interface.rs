@@ -1,4 +1,5 @@
-//! A run on a real interface as a page. No true time is known there: what is measured is the MainDevice's, or read.
+//! A run on a real interface as a page. True time is not known there: figures were measured by the
+//! MainDevice, or read.
 
 use isocat_descriptions::quantity::time;
 use isocat_engine::report::interface::{InterfaceReport, Series, Unknown};
@@ -12,7 +13,7 @@ use super::{Page, compact};
 use crate::picture::bars::Histogram;
 use crate::picture::cycle::Cycle;
 
-/// The page of a run; `segment` as the MainDevice found and planned it.
+/// The page of a run; `segment` is the one that the MainDevice found and planned.
 pub fn page(report: &InterfaceReport, segment: &Segment, command: &str) -> Page {
     let body = html! {
         p.quiet {
@@ -50,7 +51,7 @@ pub fn page(report: &InterfaceReport, segment: &Segment, command: &str) -> Page 
     }
 }
 
-/// What leaves the answer open, and what no wire shows.
+/// Facts that leave the answer open, and facts that no wire shows.
 fn unknown(report: &InterfaceReport) -> Vec<String> {
     let line = |unknown: &Unknown| match unknown.decides {
         true => unknown.sentence(),
@@ -115,7 +116,8 @@ fn punctuality(report: &InterfaceReport) -> Markup {
     }
 }
 
-/// Buckets of a series grow with the size: they are drawn side by side, each with its limit as its words.
+/// Buckets of a series grow with the size: they are drawn with equal width, each labelled with its
+/// limit.
 fn histogram(title: &str, series: &Series) -> Option<crate::picture::Picture> {
     let mut begin = 0.0;
     let mut bins = Vec::new();

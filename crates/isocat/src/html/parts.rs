@@ -1,4 +1,4 @@
-//! Parts that several pages have.
+//! Common parts of the pages.
 
 use isocat_descriptions::quantity::time;
 use isocat_engine::report::{Counters, Finding, Note, Span, Spread};
@@ -6,7 +6,7 @@ use maud::{Markup, PreEscaped, html};
 
 use crate::picture::Picture;
 
-/// A drawing with its words; the script gives it its buttons.
+/// A drawing with its caption; the script adds its buttons.
 pub fn figure(picture: Option<&Picture>, words: &str) -> Markup {
     let Some(picture) = picture else { return html! {} };
     html! {
@@ -17,21 +17,21 @@ pub fn figure(picture: Option<&Picture>, words: &str) -> Markup {
     }
 }
 
-/// A figure that a reader looks for first.
+/// A key figure of a page.
 pub(crate) fn tile(what: &str, value: &str, from: &str) -> Markup {
     html! {
         div.tile { div.value { (value) } div.what { (what) " " (origin(from)) } }
     }
 }
 
-/// The same with something wrong.
+/// A key figure that may be marked as bad.
 pub(crate) fn bad_tile(bad: bool, what: &str, value: &str, from: &str) -> Markup {
     html! {
         div.tile.bad[bad] { div.value { (value) } div.what { (what) " " (origin(from)) } }
     }
 }
 
-/// Where a figure is from, as a letter with its words.
+/// Source of a figure, as a letter with its explanation.
 pub fn origin(from: &str) -> Markup {
     let words = match from {
         "t" => "measured in true time",
@@ -43,7 +43,7 @@ pub fn origin(from: &str) -> Markup {
     html! { abbr title=(words) { "[" (from) "]" } }
 }
 
-/// What the letters mean.
+/// The explanation of the letters.
 pub fn origins() -> Markup {
     html! {
         p.quiet {
@@ -52,7 +52,7 @@ pub fn origins() -> Markup {
     }
 }
 
-/// Findings in a list; none: nothing.
+/// Findings in a list; empty without findings.
 pub fn findings(title: &str, findings: &[Finding]) -> Markup {
     html! {
         @if !findings.is_empty() {
@@ -84,7 +84,7 @@ pub fn note(note: &Note) -> String {
     }
 }
 
-/// `mean 29.189 us, 28.739 us to 29.508 us`.
+/// A span as text: `mean 29.189 us, 28.739 us to 29.508 us`.
 pub fn range(span: &Span) -> String {
     format!(
         "mean {}, {} to {}, deviation {}, {} values",
@@ -110,12 +110,12 @@ pub(crate) fn error_cells(spread: Option<&Spread>) -> Markup {
     }
 }
 
-/// The mean age of process data; it stands out where some of them were late.
+/// The mean age of process data; it is highlighted if some were late.
 pub(crate) fn age_cell(age: Option<Span>, late: u64) -> Markup {
     html! { td.number.bad[late > 0] { (age.map_or("-".into(), |age| time(age.mean_ns))) } }
 }
 
-/// 0B, 0C, 0D, 20 in four cells; those that counted stand out.
+/// 0B, 0C, 0D, 20 in four cells; counts above 0 are highlighted.
 pub(crate) fn counter_cells(counters: &Counters) -> Markup {
     let all = [
         counters.sm_event_missed,
@@ -132,7 +132,7 @@ pub(crate) fn counter_cells(counters: &Counters) -> Markup {
     }
 }
 
-/// A table with its heads, in a box that scrolls where it is too wide.
+/// A table with its heads, in a box that scrolls if it is too wide.
 pub fn table(heads: &[&str], rows: Markup) -> Markup {
     html! {
         div.wide {
@@ -144,7 +144,7 @@ pub fn table(heads: &[&str], rows: Markup) -> Markup {
     }
 }
 
-/// A slack; what does not fit stands out.
+/// A slack; a negative one is highlighted.
 pub fn slack(ns: i64) -> Markup {
     html! { td.number.bad[ns < 0] { (time(ns as f64)) } }
 }

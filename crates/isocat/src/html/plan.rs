@@ -1,4 +1,4 @@
-//! A plan as a page: what fits, with how much slack, and where everything lies in the cycle.
+//! A plan as a page: whether it fits, the slacks, and the events in the cycle.
 
 use isocat_descriptions::quantity::time;
 use isocat_engine::plan::Plan;
@@ -109,7 +109,7 @@ fn one(plan: &Plan, device: &Device) -> Markup {
     }
 }
 
-/// Lines of the budget; the figures of each open below it.
+/// Lines of the budget; their figures open below each line.
 fn lines(lines: &[Line]) -> Markup {
     let proven = lines.iter().any(|line| line.measured.is_some());
     let mut heads = vec!["demand", "object", "needed", "there is", "slack"];
@@ -168,7 +168,7 @@ fn proof(report: &PlanReport) -> Markup {
     }
 }
 
-/// One row for those SubDevices of a case of which the same became.
+/// The cases, with one row for SubDevices with the same outcome.
 fn what_if(report: &PlanReport) -> Markup {
     let Some(found) = &report.what_if else { return html! {} };
     html! {

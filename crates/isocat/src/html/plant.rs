@@ -1,10 +1,10 @@
-//! What late outputs did to the machines behind devices.
+//! Effects of late outputs on the machines behind devices.
 
 use isocat_engine::report::plant::{Plants, Size};
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
-/// A table of all machines; nothing without any.
+/// A table of all machines; empty if there are none.
 pub fn section(plants: Option<&Plants>) -> Markup {
     let Some(plants) = plants else { return html! {} };
     html! {

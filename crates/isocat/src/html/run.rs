@@ -25,12 +25,12 @@ use crate::picture::cycle::{Cycle, events, ns};
 use crate::picture::series::Chart;
 use crate::picture::topology::{self, Node};
 
-/// A run, and what is known beside its report.
+/// A run, and data besides its report.
 #[derive(Clone, Copy, Debug)]
 pub struct Run<'a> {
     /// The report.
     pub report: &'a Report,
-    /// What an onlooker recorded.
+    /// The recording of the run.
     pub recorded: &'a Recorded,
     /// The segment as the MainDevice found and planned it.
     pub segment: &'a Segment,
@@ -40,12 +40,13 @@ pub struct Run<'a> {
     pub command: &'a str,
 }
 
-/// Spans of time that a series of one SubDevice has on a page with so many of them: a page stays below 2 MB.
+/// Number of spans in a series of one SubDevice on a page with this many of them: a page stays
+/// below 2 MB.
 pub fn spans(devices: usize) -> usize {
     (4_000 / devices.max(1)).clamp(40, 400)
 }
 
-/// What the page says first.
+/// The verdict of the page.
 fn verdict(report: &Report) -> String {
     let met = report.expected.iter().filter(|one| one.met).count();
     match report.expected.len() {
@@ -498,7 +499,7 @@ impl Run<'_> {
         }
     }
 
-    /// What was left at worst in true time, of the lines for which that is recorded.
+    /// The least slack in true time, for the lines for which it is recorded.
     fn measured(&self, position: usize, check: Check) -> Option<f64> {
         let seen = self.recorded.devices.get(position).and_then(|seen| seen.cycle.as_ref());
         let left = seen.map(|cycle| cycle.outputs_left).filter(|left| left.count() > 0);
@@ -560,7 +561,7 @@ impl Run<'_> {
     }
 }
 
-/// Who is at fault, why, and what to do.
+/// The diagnoses: place, cause and remedies.
 fn why(diagnoses: &[Diagnosis]) -> Markup {
     html! {
         @if !diagnoses.is_empty() {

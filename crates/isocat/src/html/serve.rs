@@ -1,4 +1,4 @@
-//! What happened while a segment was served, as a page.
+//! The summary of a served segment, as a page.
 
 use isocat_descriptions::quantity::time;
 use isocat_serve::summary::{JudgedSummary, SessionSummary, Summary};
@@ -10,7 +10,7 @@ use super::parts::{error_cells, notes, origins, range, table};
 use super::{Page, compact};
 use crate::picture::cycle::ns;
 
-/// The page of a program in virtual time: the same, and what became of the program, line by line.
+/// The page of a program in virtual time: the same, and the results of the program, line by line.
 pub fn virtual_page(summary: &Summary, program: &[String]) -> Page {
     let page = page(summary);
     let body = html! { (notes("The program", program)) (page.body) };

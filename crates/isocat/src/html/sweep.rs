@@ -1,4 +1,4 @@
-//! What many runs of a segment came to, as a page.
+//! The results of many runs of a segment, as a page.
 
 use isocat_descriptions::quantity::time;
 use isocat_engine::sweep::summary::{Counts, Frontier, Holds, MEASURES, Measure, Summary};
@@ -9,25 +9,25 @@ use super::Page;
 use super::parts::{bad_tile, figure, table, tile};
 use crate::picture::bars::Histogram;
 
-/// What the page tells.
+/// The data of the page.
 pub struct Sweep<'a> {
     /// The segment file.
     pub source: &'a str,
-    /// What was varied.
+    /// The sweep.
     pub sweep: &'a sweep::Sweep,
-    /// What the runs came to.
+    /// The totals of the runs.
     pub totals: &'a Totals,
-    /// How large figures were, and where the grid holds.
+    /// Sizes of figures, and the limits in the grid.
     pub summary: &'a Summary,
-    /// The run before which it was stopped, if it was.
+    /// Number of the run before which it was stopped; `None` if it was not.
     pub stopped: Option<u64>,
-    /// What gives the same again.
+    /// The command that repeats it.
     pub command: String,
     /// The totals for programs.
     pub json: String,
 }
 
-/// Verdicts in the order of their weight, with the class of their bar.
+/// Verdicts in the order of importance, with the class of their bar.
 const VERDICTS: [(&str, &str); 5] = [
     ("in-sync", "held"),
     ("not-in-sync", "lost"),
@@ -107,7 +107,7 @@ impl Sweep<'_> {
         }
     }
 
-    /// The values of each axis of the grid alone.
+    /// The values of each axis of the grid separately.
     fn values(&self) -> Markup {
         let axes = self.sweep.axes().iter().enumerate().filter(|(_, axis)| axis.values() > 1);
         html! {
@@ -193,7 +193,7 @@ fn point((runs, good): (u64, u64)) -> Markup {
     }
 }
 
-/// At which of the sought values it holds, in words.
+/// The sought values at which all runs were as expected, in words.
 pub(crate) fn holds(frontier: &Frontier, given: usize) -> String {
     let values = &frontier.sought.values;
     match frontier.holds(given) {
@@ -209,7 +209,7 @@ pub(crate) fn holds(frontier: &Frontier, given: usize) -> String {
     }
 }
 
-/// Runs as expected beside the others.
+/// Runs as expected next to the others.
 fn histograms(measure: &Measure, (good, bad): &(Counts, Counts)) -> Markup {
     if good.count() + bad.count() == 0 {
         return html! {};
@@ -234,7 +234,7 @@ fn histogram(measure: &Measure, counts: &Counts, which: &str) -> Markup {
     figure(picture.as_ref(), &words)
 }
 
-/// A part of a whole; all and none are so exactly.
+/// A fraction in percent; 0 % and 100 % are shown only if exact.
 fn share(part: u64, whole: u64) -> String {
     match part {
         0 => "0 %".to_owned(),

@@ -1,7 +1,7 @@
 //! A server for one page.
 //!
-//! Each client has a thread for as long as its request takes, two seconds at most, whatever it sends or does not send. With too
-//! many of them at a time the next ones are sent away.
+//! Each client has a thread during its request, for at most two seconds, whatever it sends. Clients
+//! beyond the limit are refused.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -12,22 +12,22 @@ use std::time::{Duration, Instant};
 use isocat_descriptions::limits;
 use isocat_engine::status::Status;
 
-/// Answers for Prometheus as long as the program runs.
+/// Answers Prometheus as long as the program runs.
 #[derive(Debug)]
 pub struct Server {
     address: SocketAddr,
     page: Page,
 }
 
-/// The status that is shown.
+/// The status on the page.
 #[derive(Clone, Debug, Default)]
 pub struct Page(Arc<Mutex<Option<Status>>>);
 
-/// For a request and its answer.
+/// Time limit of a request and its answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 impl Page {
-    /// Shows this from now on.
+    /// Shows this status from now on.
     pub fn show(&self, status: &Status) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(status.clone());
     }
@@ -39,12 +39,12 @@ impl Page {
 }
 
 impl Server {
-    /// Listens there.
+    /// Listens at this address.
     pub fn listen(address: SocketAddr) -> io::Result<Self> {
         Self::listen_with(address, Page::default(), |page| page.text())
     }
 
-    /// Listens there, and asks for the text of the page each time.
+    /// Listens at this address, and calls `text` for each request.
     pub fn listen_with(
         address: SocketAddr,
         page: Page,
@@ -59,7 +59,8 @@ impl Server {
         std::thread::Builder::new().name("metrics".into()).spawn(move || {
             for client in listener.incoming() {
                 let Ok(client) = client else {
-                    // Out of descriptors, say: not at once again.
+                    // The process may be out of descriptors, for example, so it does not retry at
+                    // once.
                     std::thread::sleep(PAUSE);
                     continue;
                 };
@@ -69,7 +70,7 @@ impl Server {
                 }
                 let (shown, text, served) = (shown.clone(), text.clone(), clients.clone());
                 let spawned = std::thread::Builder::new().name("scrape".into()).spawn(move || {
-                    // Who hangs up or says nothing is its own trouble.
+                    // An error of the client does not concern the server.
                     let _ = attend(client, is_local, || text(&shown));
                     served.fetch_sub(1, Ordering::Relaxed);
                 });
@@ -81,18 +82,18 @@ impl Server {
         Ok(Self { address, page })
     }
 
-    /// Where it listens; with port 0 the one that was found.
+    /// Its address; if port 0 was requested, with the port that was found.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// What it shows.
+    /// Its page.
     pub fn page(&self) -> Page {
         self.page.clone()
     }
 }
 
-/// After a client could not be taken.
+/// Pause after a failed accept.
 const PAUSE: Duration = Duration::from_millis(100);
 
 fn attend(
@@ -133,7 +134,7 @@ fn is_timeout(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut)
 }
 
-/// Sends it all, unless the client takes it too slowly.
+/// Sends all bytes, unless the client reads them too slowly.
 fn send(client: &mut TcpStream, mut bytes: &[u8], until: Instant) -> io::Result<()> {
     while !bytes.is_empty() {
         let left = until.saturating_duration_since(Instant::now());
@@ -151,13 +152,13 @@ fn send(client: &mut TcpStream, mut bytes: &[u8], until: Instant) -> io::Result<
     Ok(())
 }
 
-/// What goes back.
+/// The answer to a request.
 struct Answer {
     code: u16,
     reason: &'static str,
     kind: &'static str,
     body: String,
-    /// Of a HEAD request only the head goes back.
+    /// Whether only the head is sent, for a HEAD request.
     head_only: bool,
 }
 
@@ -178,7 +179,7 @@ impl Answer {
     }
 }
 
-/// The answer to a request; `None` while it is not complete.
+/// The answer to a request; `None` while the request is not complete.
 fn answer(request: &[u8], is_local: bool, text: impl Fn() -> Option<String>) -> Option<Answer> {
     let mut fields = [httparse::EMPTY_HEADER; limits::HTTP_FIELDS];
     let mut parsed = httparse::Request::new(&mut fields);
@@ -187,8 +188,9 @@ fn answer(request: &[u8], is_local: bool, text: impl Fn() -> Option<String>) -> 
         Ok(httparse::Status::Complete(_)) => {}
         Err(_) => return Some(Answer::words(400, "Bad Request", "that is no HTTP request\n")),
     }
-    // A page of a foreign site may make its own name stand for this machine: then its browser asks here, with
-    // that name. Where only this machine can ask, only its own names are answered.
+    // A foreign page may resolve its own host name to this machine, so that its browser sends
+    // requests here with that name. If only this machine can connect, only its own names are
+    // answered.
     let hosts = parsed.headers.iter().filter(|field| field.name.eq_ignore_ascii_case("host"));
     if is_local && !hosts.into_iter().all(|field| is_loopback(field.value)) {
         let words = "expected localhost or a loopback address as Host\n";
@@ -212,7 +214,7 @@ fn answer(request: &[u8], is_local: bool, text: impl Fn() -> Option<String>) -> 
     })
 }
 
-/// Whether a `Host` field names this machine as only its own programs do, with any port or none.
+/// Whether a `Host` field has a loopback name of this machine, with any port or none.
 fn is_loopback(host: &[u8]) -> bool {
     let Ok(host) = std::str::from_utf8(host) else { return false };
     let host = host.trim();
@@ -252,7 +254,7 @@ mod tests {
                 answer(request.as_bytes(), is_local, || Some(String::new())).expect("complete").code
             };
             assert_eq!(code(true), if expected { 200 } else { 421 }, "{host}");
-            // An address that the network reaches has names that nobody here knows.
+            // An address that the network reaches may have any name.
             assert_eq!(code(false), 200, "{host}");
         }
         let twice = b"GET /metrics HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n";

@@ -6,7 +6,7 @@ use isocat_engine::status::{Error, Host, Kind, Margin};
 
 use super::*;
 
-/// A segment of two, with figures that are easy to find again.
+/// A segment of two devices, with figures that are easy to find.
 fn status() -> Status {
     let mut status = Status::new("a \"b\"\\c.toml".into(), Kind::Simulated, 1_000_000, 1_000);
     status.stage = isocat_engine::status::Stage::InOperation;
@@ -65,10 +65,10 @@ fn figures_in_base_units_with_labels() {
     says(&text, &format!("isocat_alarm{{{axis},alarm=\"clock off\"}} 1"));
     says(&text, "isocat_in_sync 0");
     says(&text, "isocat_al_state{position=\"1\",device=\"io\",mode=\"free-run\"} 8");
-    // What is not known has no sample, and a family without any is not there.
+    // An unknown figure has no sample, and a family without samples is omitted.
     assert!(!text.contains("isocat_sync0_error_recent_seconds"));
     assert!(!text.contains("isocat_sync0_error_seconds{position=\"1\""));
-    // Each family has its two lines, and no name twice.
+    // Each family has its two lines, and each name occurs once.
     let types: Vec<_> = text.lines().filter(|line| line.starts_with("# TYPE")).collect();
     let helps = text.lines().filter(|line| line.starts_with("# HELP")).count();
     let mut names = types.clone();
@@ -96,7 +96,7 @@ fn ask(address: SocketAddr, request: &str) -> String {
     client.set_read_timeout(Some(Duration::from_secs(10))).expect("a time-out");
     client.write_all(request.as_bytes()).expect("it reads");
     let mut answer = String::new();
-    // One that has not read all of it may reset the connection behind its answer.
+    // A server that has not read the whole request may reset the connection after its answer.
     let _ = client.read_to_string(&mut answer);
     answer
 }
@@ -134,7 +134,8 @@ fn nonsense_is_answered_and_too_much_of_it_cut_off() {
     assert!(ask(server.address(), &long).starts_with("HTTP/1.1 431 "));
 }
 
-/// Some say nothing, one says a byte now and then: the next one is served all the same, and they are sent home.
+/// Some clients send nothing, and one sends a byte now and then. The next client is served
+/// nevertheless, and the slow ones are disconnected.
 #[test]
 fn slow_clients_hold_up_nobody() {
     let server = server();
@@ -145,7 +146,8 @@ fn slow_clients_hold_up_nobody() {
     let answer = ask(server.address(), "GET /metrics HTTP/1.1\r\n\r\n");
     assert!(answer.starts_with("HTTP/1.1 200 "), "{answer}");
     assert!(began.elapsed() < Duration::from_millis(1_500), "{:?}", began.elapsed());
-    // All that it can have at a time, and more: the last ones are sent away, until the first are.
+    // There are more clients than the limit: the last ones are refused until the first are
+    // disconnected.
     let many: Vec<_> =
         (0..40).map(|_| TcpStream::connect(server.address()).expect("a queue")).collect();
     let mut last = String::new();
@@ -157,7 +159,7 @@ fn slow_clients_hold_up_nobody() {
     for mut client in silent.into_iter().chain(many) {
         client.set_read_timeout(Some(Duration::from_secs(10))).expect("a time-out");
         let mut answer = Vec::new();
-        // Answered with words or cut off, but not kept: without an end this would time out.
+        // They are answered or disconnected, but not kept: otherwise this would time out.
         let ended = client.read_to_end(&mut answer);
         let kept = ended.is_err_and(|e| matches!(e.kind(), std::io::ErrorKind::WouldBlock));
         assert!(!kept, "a client that says nothing is kept");

@@ -7,12 +7,12 @@ use isocat_descriptions::quantity::time;
 use super::frame::step;
 use super::{Picture, escape, number};
 
-/// What is drawn.
+/// The data of the drawing.
 #[derive(Clone, Copy, Debug)]
 pub struct Histogram<'a> {
-    /// What it shows.
+    /// Its title.
     pub title: &'a str,
-    /// Where a bin begins and ends, ns, and how many are in it; in the order of size.
+    /// Begin and end of each bin, ns, and the number of values in it; in the order of size.
     pub bins: &'a [(f64, f64, u64)],
 }
 

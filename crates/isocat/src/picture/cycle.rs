@@ -1,8 +1,9 @@
-//! What happens in the cycle of one SubDevice: where the plan has it, and where it was seen.
+//! The events in the cycle of one SubDevice, as planned and as observed.
 //!
-//! From top to bottom as data go: the frame, the SM events, the pulses, outputs until they are valid, the application, inputs
-//! until they stand in the buffer, and what is left before each deadline. Dashed outlines are the plan's earliest and latest
-//! instants; filled bars the mean of what was seen, the pale bands around them least and largest. Times count from the begin of
+//! The lanes follow the data from top to bottom: the frame, the SM events, the pulses, outputs
+//! until they are valid, the application, inputs until they are in the buffer, and the slack before
+//! each deadline. Dashed outlines are the plan's earliest and latest instants. Filled bars are the
+//! observed mean, and the pale bands around them least and largest. Times count from the begin of
 //! the bus cycle by the reference clock; in Free Run from the SubDevice's own first step.
 
 use isocat_descriptions::quantity::time;
@@ -17,28 +18,28 @@ use isocat_wire::time::Nanos;
 use super::Picture;
 use super::frame::{Align, Frame};
 
-/// What is drawn.
+/// The data of the drawing.
 #[derive(Clone, Copy, Debug)]
 pub struct Cycle<'a> {
-    /// A name that no other picture on the page has.
+    /// An id that is unique on the page.
     pub id: &'a str,
     /// The SubDevice, in words.
     pub name: &'a str,
     /// The plan.
     pub timing: &'a Timing,
-    /// Which SubDevice.
+    /// Position of the SubDevice.
     pub position: usize,
-    /// What was seen; `None`: the plan alone.
+    /// The observed cycle; `None` for the plan alone.
     pub seen: Option<&'a CycleSeen>,
 }
 
 impl Cycle<'_> {
-    /// The drawing; `None` if the plan does not have the SubDevice.
+    /// The drawing; `None` if the plan does not include the SubDevice.
     pub fn draw(&self) -> Option<Picture> {
         let device = &self.timing.devices.get(self.position)?.0;
         let own = self.seen.is_some_and(|seen| seen.origin == Origin::OwnCycle);
         let moments = match own {
-            // Its cycle has no place in the bus cycle.
+            // Its own cycle has no fixed place in the bus cycle.
             true => Moments::default(),
             false => self.timing.moments(self.position).unwrap_or_default(),
         };
@@ -65,7 +66,7 @@ impl Cycle<'_> {
         Some(drawing.frame.finish())
     }
 
-    /// From the first thing to the last: at least the cycle and the frame of the next one.
+    /// The range of the axis: at least the cycle and the frame of the next one.
     fn range(&self, device: &Device, moments: &Moments, own: bool) -> (f64, f64) {
         let send = self.timing.cycle.send;
         let cycle = device.exchange(&self.timing.cycle);
@@ -99,7 +100,7 @@ struct Drawing<'a> {
     seen: Option<&'a CycleSeen>,
 }
 
-/// Heights of what is drawn in a lane.
+/// Heights in a lane.
 const BAR: f64 = 13.0;
 const LANE: f64 = 40.0;
 
@@ -108,20 +109,20 @@ impl Drawing<'_> {
         self.seen?.of(moment)
     }
 
-    /// The instants between which an event lies: seen, else planned.
+    /// The earliest and the latest instant of an event: observed, or else planned.
     fn ends(&self, moment: Moment) -> Option<(f64, f64)> {
         let seen = self.seen(moment).map(|s| (s.least() as f64 / 1e3, s.largest() as f64 / 1e3));
         let span = || self.moments.of(moment).map(|s| (s.earliest.0 as f64, s.latest.0 as f64));
         seen.or_else(span)
     }
 
-    /// Where an event is on average: seen, else the middle of the plan.
+    /// The average instant of an event: observed, or else the middle of the plan.
     fn middle(&self, moment: Moment) -> Option<f64> {
         let seen = self.seen(moment).map(|seen| seen.mean() / 1e3);
         seen.or_else(|| self.moments.of(moment).map(middle))
     }
 
-    /// `SYNC0 (planned 524 us; seen 9984 times: mean …)`.
+    /// A tip such as `SYNC0 (planned 524 us; seen 9984 times: mean …)`.
     fn tip(&self, words: &str, moment: Moment) -> String {
         let mut tip = words.to_owned();
         if let Some(Span { earliest, latest }) = self.moments.of(moment) {
@@ -145,7 +146,7 @@ impl Drawing<'_> {
         tip
     }
 
-    /// An event: where it is planned, the band of what was seen, and its mean.
+    /// Draws an event: its planned span, the observed band, and its mean.
     fn event(&mut self, class: &str, moment: Moment, words: &str, label: &str, y: f64) {
         let tip = self.tip(words, moment);
         if let Some(span) = self.moments.of(moment) {
@@ -163,7 +164,7 @@ impl Drawing<'_> {
         }
     }
 
-    /// Work from one event to another, with the band of when it ends.
+    /// Draws work from one event to another, with the band of its end.
     fn work(
         &mut self,
         class: &str,
@@ -226,7 +227,7 @@ impl Drawing<'_> {
         }
     }
 
-    /// The plan has the begin of the frame that fetches inputs, the SubDevice sees the end.
+    /// Draws the frame that fetches inputs: the plan has its begin, the SubDevice observes its end.
     fn fetched(&mut self, y: f64) {
         let Some(seen) = self.seen(Moment::Sm3) else { return };
         let (mean, ends) =
@@ -333,7 +334,7 @@ impl Drawing<'_> {
         }
     }
 
-    /// What is left before each deadline, at worst.
+    /// Draws the least slack before each deadline.
     fn margins(&mut self) {
         let from = if self.seen.is_some() { "seen" } else { "planned" };
         let ready = self.ends(Moment::OutputsReady).map(|(_, latest)| latest);
@@ -376,7 +377,7 @@ fn middle(span: Span) -> f64 {
     (span.earliest.0 + span.latest.0) as f64 / 2.0
 }
 
-/// What is stated, and what was seen where that is more.
+/// The stated time, and the observed one if it is larger.
 fn calc_and_copy(object: &str, stated: Nanos, took: Option<Statistics>) -> String {
     let longest =
         took.filter(|took| took.count() > 0).map_or(0.0, |took| took.largest() as f64 / 1e3);
@@ -386,13 +387,13 @@ fn calc_and_copy(object: &str, stated: Nanos, took: Option<Statistics>) -> Strin
     }
 }
 
-/// All digits, in ns.
+/// A time with all digits, in ns.
 fn exact(ns: f64) -> String {
     let whole = format!("{ns:.3}");
     format!("{} ns", whole.trim_end_matches('0').trim_end_matches('.'))
 }
 
-/// A margin: whole ns, groups of three.
+/// A margin in whole ns, with groups of three digits.
 pub(crate) fn ns(value: f64) -> String {
     let whole = value.floor() as i64;
     let digits = whole.unsigned_abs().to_string();
@@ -402,15 +403,15 @@ pub(crate) fn ns(value: f64) -> String {
     format!("{}{grouped} ns", if whole < 0 { "-" } else { "" })
 }
 
-/// What happened around a pulse that found no outputs ready, which is at 0: from the SM2 event before it until outputs were
-/// ready at last.
+/// The events around a pulse that found no outputs ready, which is at 0: from the SM2 event before
+/// it until outputs were finally ready.
 pub fn events(id: &str, title: &str, timeline: &Timeline) -> Option<Picture> {
     let all = || timeline.entries.iter().map(|(at, moment)| (at.0 as f64 / 1e3, *moment));
     let begin = all().rfind(|(at, moment)| *at <= 0.0 && *moment == Moment::Sm2).map(|(at, _)| at);
     let ready =
         all().find(|(at, moment)| *at > 0.0 && *moment == Moment::OutputsReady).map(|(at, _)| at);
     let next = all().find(|(at, moment)| *at > 0.0 && *moment == Moment::Sm2).map(|(at, _)| at);
-    // Outputs of the next frame are another story.
+    // Outputs of the next frame are not part of it.
     let ready = ready.filter(|ready| next.is_none_or(|next| *ready < next));
     let (first, last) = (all().next()?.0, all().next_back()?.0);
     let (from, to) = (begin.unwrap_or(first), ready.unwrap_or(last).max(1.0));
@@ -431,7 +432,7 @@ pub fn events(id: &str, title: &str, timeline: &Timeline) -> Option<Picture> {
         if of.is_empty() {
             continue;
         }
-        // Both come with one frame: SM2 is told.
+        // One frame causes both events; SM2 is shown.
         let outputs: Vec<f64> =
             of.iter().filter(|(_, moment)| *moment == Moment::Sm2).map(|(at, _)| *at).collect();
         of.retain(|(at, moment)| {

@@ -1,4 +1,4 @@
-//! The frame of a drawing along time: an axis, lanes, marks, bars, and labels that do not lie on each other.
+//! The frame of a drawing along time: an axis, lanes, marks, bars, and labels that do not overlap.
 
 use std::fmt::Write;
 
@@ -8,12 +8,12 @@ use super::{Picture, escape, number};
 
 /// Width of all drawings along time.
 pub const WIDTH: f64 = 1000.0;
-/// Where lanes have their names.
+/// Width of the lanes' names.
 const LEFT: f64 = 128.0;
 const RIGHT: f64 = 12.0;
-/// Room for the axis.
+/// Height of the axis.
 const AXIS: f64 = 26.0;
-/// Width of a character of a label, at most.
+/// Largest width of a character of a label.
 const CHARACTER: f64 = 6.1;
 
 /// A drawing along time.
@@ -31,23 +31,23 @@ pub struct Frame {
     shapes: String,
     texts: String,
     under: String,
-    /// Places that labels take, by row.
+    /// Areas of the labels, by row.
     taken: Vec<(f64, f64, f64)>,
 }
 
-/// Where a label stands.
+/// Position of a label.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Align {
-    /// Behind the point.
+    /// After the point.
     Start,
-    /// Around it.
+    /// Centred on the point.
     Middle,
-    /// Before it.
+    /// Before the point.
     End,
 }
 
 impl Frame {
-    /// From `from` to `to`, ns. `id` is a name that no other picture on the page has.
+    /// A drawing from `from` to `to`, ns. `id` is unique on the page.
     pub fn new(id: &str, title: &str, from: f64, to: f64) -> Self {
         Self {
             from,
@@ -64,18 +64,18 @@ impl Frame {
         }
     }
 
-    /// With another place for names of lanes.
+    /// Sets the width of the lanes' names.
     pub(crate) fn with_left(mut self, left: f64) -> Self {
         self.left = left;
         self
     }
 
-    /// Where a time lies, in units of the drawing.
+    /// The coordinate of a time, in units of the drawing.
     pub fn x(&self, ns: f64) -> f64 {
         self.left + (ns - self.from) / (self.to - self.from) * (WIDTH - RIGHT - self.left)
     }
 
-    /// Opens a lane of some height below the others; gives its upper edge.
+    /// Opens a lane of this height below the others; returns its upper edge.
     pub fn lane(&mut self, name: &str, height: f64) -> f64 {
         let top = self.bottom;
         self.bottom += height;
@@ -114,7 +114,7 @@ impl Frame {
         let x = exact(self.x(at));
         let (y1, y2) = (number(y), number(y + height));
         let line = format!("x1=\"{x}\" y1=\"{y1}\" x2=\"{x}\" y2=\"{y2}\"");
-        // A stroke is too thin to be met: what is met is an invisible one around it.
+        // A stroke is too thin to point at, so an invisible one around it receives the pointer.
         let _ = writeln!(
             self.shapes,
             "<g class=\"mark\"><line class=\"{class}\" {line}/><line class=\"grip\" {line}/>{}</g>",
@@ -143,7 +143,7 @@ impl Frame {
         let _ = writeln!(self.shapes, "<path class=\"{class}\" d=\"{path}\"/>");
     }
 
-    /// A distance with its words above it.
+    /// A distance with its label above it.
     pub fn distance(
         &mut self,
         class: &str,
@@ -163,13 +163,13 @@ impl Frame {
         self.label_of(class, (from, to), y - 6.0, Align::Middle, words);
     }
 
-    /// Words at `at` ns with `y` as their base line, where nobody else's are; else not at all: everything has its figures as a
-    /// title, too. True if they were put.
+    /// Puts a label at `at` ns with `y` as its base line, unless it would overlap another one:
+    /// every element has its figures also as a title. Returns whether it was put.
     pub fn label(&mut self, class: &str, at: f64, y: f64, align: Align, words: &str) -> bool {
         self.label_of(class, (at, at), y, align, words)
     }
 
-    /// The same for what goes from one instant to another: the words stay as long as a part of it is seen.
+    /// The same for a span: the label stays as long as a part of the span is visible.
     fn label_of(
         &mut self,
         class: &str,
@@ -188,7 +188,7 @@ impl Frame {
             Align::Middle => x - width / 2.0,
             Align::End => x - width,
         };
-        // Not over the edges.
+        // Labels do not cross the edges.
         begin = begin.clamp(self.left + 2.0, (WIDTH - RIGHT - width).max(self.left + 2.0));
         let end = begin + width;
         let meets = |(row, from, to): &(f64, f64, f64)| {
@@ -213,7 +213,7 @@ impl Frame {
         true
     }
 
-    /// Words that stay where they are.
+    /// Puts words at a fixed place.
     pub fn words(&mut self, class: &str, x: f64, y: f64, align: Align, words: &str) {
         let anchor = match align {
             Align::Start => "start",
@@ -238,12 +238,12 @@ impl Frame {
         );
     }
 
-    /// Room that nothing else takes.
+    /// Adds empty space.
     pub fn skip(&mut self, height: f64) {
         self.bottom += height;
     }
 
-    /// The drawing, with its axis below.
+    /// Finishes the drawing, with its axis at the bottom.
     pub fn finish(self) -> Picture {
         let Self { from, to, top, bottom, left, id, .. } = &self;
         let (right, axis) = (WIDTH - RIGHT, self.axis());
@@ -297,13 +297,13 @@ impl Frame {
     }
 }
 
-/// A place that stays right when it is stretched a hundred thousand times.
+/// A coordinate that stays exact when it is stretched by a factor of a hundred thousand.
 fn exact(value: f64) -> String {
     let text = format!("{value:.6}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// A place on a curve.
+/// A coordinate on a curve.
 fn tenths(value: f64) -> String {
     let text = format!("{value:.1}");
     text.strip_suffix(".0").map_or(text.clone(), str::to_owned)
@@ -313,7 +313,7 @@ fn title(tip: &str) -> String {
     if tip.is_empty() { String::new() } else { format!("<title>{}</title>", escape(tip)) }
 }
 
-/// The next of 1, 2, 5, 10 … that is not less.
+/// The next of 1, 2, 5, 10 … that is not smaller.
 pub(crate) fn step(least: f64) -> f64 {
     if !(least.is_finite() && least > 0.0) {
         return 1.0;

@@ -6,18 +6,18 @@ use isocat_engine::recording::series::Series;
 use super::Picture;
 use super::frame::{Align, Frame, step};
 
-/// What is drawn.
+/// The data of the drawing.
 #[derive(Clone, Copy, Debug)]
 pub struct Chart<'a> {
-    /// A name that no other picture on the page has.
+    /// An id that is unique on the page.
     pub id: &'a str,
-    /// What it shows.
+    /// Its title.
     pub title: &'a str,
     /// The series, values in ps.
     pub series: &'a Series,
-    /// A value beyond which it is wrong, on both sides, ps; drawn if it is near.
+    /// Limit on both sides, ps; drawn if it is near.
     pub limit: Option<i64>,
-    /// Instants to mark, ns, with what happened.
+    /// Instants to mark, ns, with their description.
     pub marks: &'a [(f64, String)],
     /// First and last instant of the axis of time, ns.
     pub span: (f64, f64),
@@ -78,7 +78,8 @@ impl Chart<'_> {
             frame.mark("m late", *at, top, HEIGHT, words);
         }
         let mut picture = frame.finish();
-        // What a reader who points at the curve is told: begin and end, least, mean and largest, all ns.
+        // Data that the page shows for the pointed place: begin and end, least, mean and largest,
+        // all ns.
         let values: Vec<String> = spans.iter().map(values).collect();
         picture.attributes += &format!(" data-series=\"{}\"", values.join(" "));
         Some(picture)
@@ -97,7 +98,7 @@ fn values(span: &isocat_engine::recording::series::SpanOfTime) -> String {
     )
 }
 
-/// ps as ns, to the picosecond.
+/// A value in ps as ns, to the picosecond.
 fn number_of_ps(ps: f64) -> String {
     let text = format!("{:.3}", ps / 1e3);
     text.trim_end_matches('0').trim_end_matches('.').to_owned()

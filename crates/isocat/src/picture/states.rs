@@ -10,20 +10,20 @@ use super::frame::{Align, Frame};
 pub struct Lane {
     /// Its name.
     pub name: String,
-    /// When each state was first seen, ns, in the order of time.
+    /// First time of each state, ns, in the order of time.
     pub states: Vec<State>,
 }
 
-/// A state from some instant on.
+/// A state and the instant when it began.
 #[derive(Clone, PartialEq, Debug)]
 pub struct State {
-    /// First seen, ns.
+    /// First time, ns.
     pub at: f64,
     /// Its name.
     pub name: String,
-    /// It is one with an error.
+    /// Whether it has an error.
     pub error: bool,
-    /// What a reader who points at it is told.
+    /// Text that the page shows for it.
     pub tip: String,
 }
 
@@ -62,7 +62,7 @@ pub fn draw(
     Some(frame.finish())
 }
 
-/// Bars are pale, so that their words can be read.
+/// Bars are pale, so that their labels are legible.
 fn class(state: &State) -> &'static str {
     match &*state.name {
         _ if state.error => "late band",
@@ -76,7 +76,7 @@ fn class(state: &State) -> &'static str {
 const LEFT: f64 = 160.0;
 /// Height of a lane.
 const HEIGHT: f64 = 26.0;
-/// Characters of a name that fit before the lanes.
+/// Characters of a name that fit in front of the lanes.
 const CHARACTERS: usize = 20;
-/// More would hide the bars.
+/// Largest number of marks; more would hide the bars.
 const MOST_MARKS: usize = 60;

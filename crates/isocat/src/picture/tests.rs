@@ -1,4 +1,4 @@
-//! Pictures are well-formed, hold the figures, and keep labels apart.
+//! Pictures are well-formed, contain the figures, and keep labels apart.
 
 use isocat_engine::recording::series::Series;
 use isocat_engine::timeline::{Moment, Timeline};

@@ -7,35 +7,35 @@ use super::{Picture, escape, number};
 /// A SubDevice in the tree.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Node {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// The SubDevice before it, which stands before it in the list; `None`: the MainDevice.
+    /// Its parent, which comes earlier in the list; `None`: the MainDevice.
     pub parent: Option<usize>,
-    /// Port of the one before it, if known.
+    /// Port of its parent, if known.
     pub port: Option<u8>,
-    /// Its clock leads.
+    /// Whether it has the reference clock.
     pub leads: bool,
-    /// Something is wrong with it.
+    /// Whether it has a fault.
     pub bad: bool,
     /// Propagation delay from the reference clock, ns; negative before it.
     pub delay: Option<f64>,
-    /// Half the width of the interval that holds it, ns.
+    /// Half the width of the interval that contains it, ns.
     pub delay_error: Option<f64>,
-    /// What to tell who points at it.
+    /// Text that the page shows for it.
     pub tip: String,
 }
 
 const ROW: f64 = 24.0;
 const INDENT: f64 = 22.0;
 const WIDTH: f64 = 1000.0;
-/// Where bars with delays begin and end.
+/// Begin and end of the bars with delays.
 const BARS: (f64, f64) = (690.0, 985.0);
 
 /// Draws the tree.
 pub fn draw(title: &str, nodes: &[Node]) -> Picture {
     let depths = depths(nodes);
     let deepest = depths.iter().copied().max().unwrap_or(0) as f64;
-    // A long line of SubDevices becomes a slope that stays in its half.
+    // A long line of SubDevices becomes a slope that stays in its half of the drawing.
     let indent = if deepest * INDENT > 330.0 { 330.0 / deepest } else { INDENT };
     let place = |at: usize| (26.0 + (depths[at] + 1) as f64 * indent, 20.0 + (at + 1) as f64 * ROW);
     let (most, least) = nodes
@@ -90,7 +90,7 @@ pub fn draw(title: &str, nodes: &[Node]) -> Picture {
             Some(error) => format!("{delay} ±{error} ns"),
             None => format!("{delay} ns"),
         };
-        // Words stand where there is room for them.
+        // Words are placed where they fit.
         let (at_x, anchor) =
             if to > 860.0 { (to - 5.0, "end") } else { (to.max(from) + 6.0, "start") };
         let _ = writeln!(
@@ -115,7 +115,7 @@ pub fn draw(title: &str, nodes: &[Node]) -> Picture {
     }
 }
 
-/// How deep each one hangs; the one that continues its branch stays in its column.
+/// Depth of each node; the one that continues its branch stays in its column.
 fn depths(nodes: &[Node]) -> Vec<usize> {
     let mut depths: Vec<usize> = Vec::with_capacity(nodes.len());
     for (at, node) in nodes.iter().enumerate() {

@@ -12,11 +12,11 @@ pub struct Signal {
     pub name: String,
     /// Whether it is high before the first change.
     pub high: bool,
-    /// When it changes, ns, in the order of time.
+    /// Times of its changes, ns, in the order of time.
     pub changes: Vec<f64>,
-    /// Instants to point at below it, ns, with their words.
+    /// Instants to mark below it, ns, with their labels.
     pub events: Vec<(f64, String)>,
-    /// Distances to show above it, ns, with their words.
+    /// Distances to show above it, ns, with their labels.
     pub distances: Vec<((f64, f64), String)>,
 }
 

@@ -39,9 +39,10 @@ pub(super) fn text(sheet: &Sheet) -> String {
     page.end() + if sheet.with_pulses().next().is_some() { WITH_DC } else { WITHOUT_DC }
 }
 
-/// Where ethercrab's grid lies in the cycle of system time of the plan.
+/// The place of ethercrab's grid in the system-time cycle of the plan.
 struct Grid {
-    /// Phase of the SYNC0 that `configure_dc_sync` makes: that of the first device which it suits.
+    /// Phase of the SYNC0 that `configure_dc_sync` sets: that of the first device for which it is
+    /// suitable.
     sync0_ns: i64,
     cycle_ns: i64,
 }
@@ -53,18 +54,18 @@ impl Grid {
         Self { sync0_ns: first.map_or(0, |(_, unit)| unit.phase_ns), cycle_ns }
     }
 
-    /// A phase of the plan, from ethercrab's SYNC0 on.
+    /// A phase of the plan, counted from ethercrab's SYNC0.
     fn behind(&self, phase_ns: i64) -> i64 {
         (phase_ns - self.sync0_ns).rem_euclid(self.cycle_ns)
     }
 
-    /// `configure_dc_sync` says all that this unit needs.
+    /// Whether `configure_dc_sync` can set all that this unit needs.
     fn suits(&self, unit: &Unit) -> bool {
         has_words(unit, self.cycle_ns) && unit.phase_ns == self.sync0_ns
     }
 }
 
-/// ethercrab has one period for all, and two words.
+/// Whether ethercrab can express the unit: it has one period for all, and two AssignActivate words.
 fn has_words(unit: &Unit, cycle_ns: i64) -> bool {
     let known = [AssignActivate::SYNC0, AssignActivate::SYNC0_AND_SYNC1].contains(&unit.word);
     known && i64::from(unit.sync0_ns) == cycle_ns
@@ -121,7 +122,7 @@ fn expected(page: &mut Page, sheet: &Sheet) {
     page.line(format!("const MAX_PDI: usize = {};", (2 * sheet.image_bytes).max(64)));
 }
 
-/// What is programmed by registers, and which devices have pulses.
+/// Units that are set by registers, and the devices with pulses.
 fn units(page: &mut Page, sheet: &Sheet, grid: &Grid) {
     let positions: Vec<_> =
         sheet.with_pulses().map(|(device, _)| device.position.to_string()).collect();
@@ -161,7 +162,7 @@ fn reasons(page: &mut Page, indent: usize, unit: &Unit) {
     }
 }
 
-/// Objects, words and modes of each device, in PREOP.
+/// Objects, AssignActivate words and modes of each device, in PREOP.
 fn set_up(page: &mut Page, sheet: &Sheet, grid: &Grid) {
     page.note(0, "What a SubDevice gets in PREOP, before its process data are mapped.");
     page.line(

@@ -1,5 +1,5 @@
-//! KickCAT's Python binding 2.5: a program that brings the segment up without SYNC, for it knows no
-//! clocks.
+//! KickCAT's Python binding 2.5: a program that brings the segment up without SYNC, since the
+//! binding does not support clocks.
 
 use super::page::Page;
 use super::{Device, Sheet, Unit};
@@ -77,7 +77,7 @@ fn objects(page: &mut Page, sheet: &Sheet) {
     );
     page.line("OBJECTS = [");
     for device in &sheet.devices {
-        // Without SYNC a device that is told to wait for it does not come up.
+        // Without SYNC a device that waits for it would not come up.
         let sync = |index: u16| device.mode.uses_dc() && matches!(index, 0x1C32 | 0x1C33);
         for object in device.objects.iter().filter(|object| !sync(object.step.object.index)) {
             let step = &object.step;

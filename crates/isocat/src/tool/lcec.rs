@@ -90,7 +90,7 @@ fn slave(page: &mut Page, device: &Device) {
     page.line("    </slave>");
 }
 
-/// A name for HAL: letters, digits and dashes, and the position, so that no two are the same.
+/// A name for HAL: letters, digits and dashes, and the position, so that it is unique.
 fn hal_name(device: &Device) -> String {
     let keep = |letter: char| if letter.is_ascii_alphanumeric() { letter } else { '-' };
     let name: String = device.name.chars().take(16).map(keep).collect();
@@ -135,7 +135,7 @@ fn sdo_config(page: &mut Page, object: &Object) {
 fn pdo_entry(entry: &PdoEntry, letter: &str, pdo: u16) -> String {
     let PdoEntry { index, sub, bits } = *entry;
     let kind = if bits == 1 { "bit" } else { "u32" };
-    // Without a pin: padding, and what no pin can hold.
+    // Padding, and values that are too wide for a pin, get none.
     let pin = match index != 0 && bits <= WIDEST_PIN {
         true => format!(" halPin=\"{letter}-{pdo:04x}-{index:04x}-{sub:02x}\" halType=\"{kind}\""),
         false => String::new(),

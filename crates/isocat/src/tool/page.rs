@@ -1,13 +1,13 @@
-//! A text with comments in the marks of its language.
+//! A text with comments in the syntax of its language.
 
 use isocat_descriptions::columns::{WIDTH, wrap};
 
 use super::{Device, Sheet};
 
-/// A text in the making.
+/// A text under construction.
 pub(super) struct Page {
     text: String,
-    /// What stands before and behind a line of comment.
+    /// Marks before and after a line of comment.
     marks: [&'static str; 2],
 }
 
@@ -22,26 +22,26 @@ impl Page {
         Self { text: String::new(), marks: [begin, end] }
     }
 
-    /// A line as it is.
+    /// Adds a line unchanged.
     pub fn line(&mut self, line: impl AsRef<str>) {
         self.text.push_str(line.as_ref());
         self.text.push('\n');
     }
 
-    /// A comment, in as many lines as it takes.
+    /// Adds a comment, in as many lines as needed.
     pub fn note(&mut self, indent: usize, words: impl AsRef<str>) {
         let [begin, end] = self.marks;
         let room = WIDTH - indent - begin.len() - end.len();
         for line in wrap(words.as_ref(), room) {
-            // Of names that a user chose: `--` ends a comment of XML, and a last `\` joins two
-            // lines of C.
+            // The user may choose names: `--` would end an XML comment, and a `\` at the end would
+            // join two lines of C.
             let line = if end.is_empty() { line } else { line.replace("--", "- -") };
             let line = line.strip_suffix('\\').unwrap_or(&line);
             self.line(format!("{:indent$}{begin}{line}{end}", ""));
         }
     }
 
-    /// The head of every file: of what it is made, whether that fits, what is not sure.
+    /// Adds the head of every file: its source, whether the plan fits, and the assumptions.
     pub fn head(&mut self, sheet: &Sheet, what: &str) {
         self.note(0, format!("{what} Made of {} by isocat plan.", sheet.source));
         self.note(0, &sheet.verdict);
@@ -53,7 +53,7 @@ impl Page {
         }
     }
 
-    /// What a SubDevice is and how it works, before its part.
+    /// Adds the description of a SubDevice, before its part.
     pub fn device(&mut self, indent: usize, device: &Device) {
         self.note(
             indent,
@@ -67,7 +67,7 @@ impl Page {
         }
     }
 
-    /// What the tool can't do, and what to do instead.
+    /// Adds the limits of the tool, with alternatives.
     pub fn limits(&mut self, indent: usize, limits: &[String]) {
         for limit in limits {
             self.note(indent, format!("LIMIT: {limit}"));

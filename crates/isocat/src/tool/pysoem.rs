@@ -100,7 +100,7 @@ fn pulses(page: &mut Page, sheet: &Sheet) {
     page.line("]");
 }
 
-/// Registers of 16 bits that SOEM has no call for.
+/// 16-bit registers for which SOEM has no call.
 fn words(page: &mut Page, sheet: &Sheet) {
     page.note(
         0,

@@ -141,8 +141,8 @@ fn parameters(page: &mut Page, device: &Device) {
     }
 }
 
-/// The driver reads values as a signed integer of 32 bits: the upper half of 32 bits has to be
-/// negative.
+/// The driver reads values as a signed 32-bit integer, so the upper half of the unsigned range must
+/// be written as negative numbers.
 fn typed(object: &Object) -> Option<(&'static str, i64)> {
     let value = object.number().filter(|_| !object.step.complete)?;
     match object.step.data.len() {

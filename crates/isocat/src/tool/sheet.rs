@@ -1,4 +1,4 @@
-//! What any other tool can be told of a plan: numbers, each with its reason.
+//! The data of a plan for any other tool: numbers, each with its reason.
 
 use isocat_descriptions::start_up::{
     Address, DeviceStartUp, ObjectStep, ParameterStep, Transition,
@@ -16,13 +16,13 @@ use isocat_wire::{Nanos, register};
 /// A segment. All times are nanoseconds.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Sheet {
-    /// Where the segment was described.
+    /// File with the description of the segment.
     pub source: String,
-    /// Whether it fits, in one sentence.
+    /// The verdict on the plan, in one sentence.
     pub verdict: String,
-    /// Figures that count and that nothing states.
+    /// Figures in use that no source states.
     pub assumptions: Vec<String>,
-    /// What the field falls into with such a segment.
+    /// Known pitfalls of such a segment in practice.
     pub notes: Vec<String>,
     /// Bus cycle.
     pub cycle_ns: i64,
@@ -30,7 +30,7 @@ pub struct Sheet {
     pub why_cycle: String,
     /// Phase of the frame in the cycle of system time.
     pub send_phase_ns: i64,
-    /// How late a frame may be.
+    /// Largest lateness of a frame.
     pub send_jitter_ns: i64,
     /// Position of the SubDevice whose clock leads; `None` without clocks.
     pub reference: Option<usize>,
@@ -55,23 +55,23 @@ pub struct Device {
     pub revision: u32,
     /// Synchronization mode.
     pub mode: SyncMode,
-    /// The mode, and why not a higher one.
+    /// The mode, and why no higher one is used.
     pub why_mode: String,
-    /// Its ESC has a DC clock.
+    /// Whether its ESC has a DC clock.
     pub clock: bool,
-    /// The SYNC unit; `None` where the plan leaves it off.
+    /// The SYNC unit; `None` if the plan leaves it off.
     pub unit: Option<Unit>,
     /// Process data, outputs first; without those of length 0.
     pub channels: Vec<Channel>,
-    /// SDO downloads in the order of the plan, PDO assignments included.
+    /// SDO downloads in the order of the plan, including PDO assignments.
     pub objects: Vec<Object>,
     /// Parameters of its drives that SoE writes, in order.
     pub drives: Vec<ParameterStep>,
-    /// Register 0x0420, in steps of 100 us; `None` where the chip's own value stays.
+    /// Register 0x0420, in steps of 100 us; `None` if the chip's default stays.
     pub watchdog: Option<u16>,
-    /// Its process data travel in every so many bus cycles.
+    /// Its process data are exchanged in every n-th bus cycle.
     pub every: u32,
-    /// What is doubtful in its description, and what the warnings of the plan say of it.
+    /// Doubts about its description, and warnings of the plan about it.
     pub notes: Vec<String>,
 }
 
@@ -82,11 +82,11 @@ pub struct Unit {
     pub word: AssignActivate,
     /// Why this word.
     pub why_word: String,
-    /// Register 0x09A0; 0 where the unit makes no pulse.
+    /// Register 0x09A0; 0 if the unit makes no pulse.
     pub sync0_ns: u32,
     /// Why this cycle.
     pub why_sync0: String,
-    /// Register 0x09A4: from SYNC0 to SYNC1; 0 without SYNC1.
+    /// Register 0x09A4: time from SYNC0 to SYNC1; 0 without SYNC1.
     pub sync1_ns: u32,
     /// Why this distance; empty without SYNC1.
     pub why_sync1: String,
@@ -99,11 +99,11 @@ pub struct Unit {
 /// Process data of one direction.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Channel {
-    /// The MainDevice writes it.
+    /// Whether the MainDevice writes it.
     pub outputs: bool,
     /// Number of its SyncManager.
     pub sync_manager: u8,
-    /// The SyncManager triggers the watchdog.
+    /// Whether the SyncManager triggers the watchdog.
     pub watchdog: bool,
     /// Bytes.
     pub bytes: u16,
@@ -114,14 +114,14 @@ pub struct Channel {
 /// An SDO download.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Object {
-    /// Where, what and when.
+    /// The download.
     pub step: ObjectStep,
-    /// What it is for, with the value in words.
+    /// Its purpose, with the value in words.
     pub why: String,
 }
 
 impl Sheet {
-    /// Collects what a plan has.
+    /// Collects the data of a plan.
     pub fn of(plan: &Plan, scenario: &Scenario) -> Self {
         let (report, list) = (plan.report(scenario), plan.start_up(scenario));
         let device = |(of_report, of_list)| device(plan, &report, of_report, of_list);
@@ -152,8 +152,8 @@ impl Sheet {
         units.filter(|(_, unit)| unit.sync0_ns == 0)
     }
 
-    /// What a tool whose reference clock is always the first one can't do; `None` if the plan has
-    /// it so, too.
+    /// The limit for a tool whose reference clock is always the first one; `None` if that agrees
+    /// with the plan.
     pub(super) fn reference_not_first(&self) -> Option<String> {
         let first = self.devices.iter().position(|device| device.clock);
         let wanted = self.reference.filter(|wanted| Some(*wanted) != first)?;
@@ -165,15 +165,14 @@ impl Sheet {
         ))
     }
 
-    /// Whether a download stands in another transition than the one in which most tools make all of
-    /// them.
+    /// Whether a download has another transition than the one in which most tools make all of them.
     pub(super) fn has_unusual_transitions(&self) -> bool {
         let unusual = |object: &Object| object.unusual_transition().is_some();
         self.devices.iter().any(|device| device.objects.iter().any(unusual))
     }
 
-    /// A line for each SubDevice that is exchanged less often than in each cycle; `which` says what
-    /// the tool does.
+    /// A line for each SubDevice that is not exchanged in each cycle; `which` is the tool's
+    /// behaviour.
     pub fn slower(&self, which: &str) -> Vec<String> {
         let slower = self.devices.iter().filter(|device| device.every > 1);
         let line = |device: &Device| {
@@ -188,13 +187,12 @@ impl Sheet {
 }
 
 impl Device {
-    /// SDO downloads without those that assign PDOs, for tools that assign them from a list of
-    /// their own.
+    /// SDO downloads except those that assign PDOs, for tools that have a separate list for these.
     pub fn parameters(&self) -> impl Iterator<Item = &Object> {
         self.objects.iter().filter(|object| !object.assigns())
     }
 
-    /// What none of the tools is told: the parameters of drives. `None` for a device without.
+    /// A note on the parameters of drives, which no tool gets. `None` for a device without.
     pub fn drives_left_out(&self) -> Option<String> {
         let of = |step: &ParameterStep| {
             let data: String = step.data.iter().map(|byte| format!("{byte:02x}")).collect();
@@ -219,12 +217,12 @@ impl Device {
 }
 
 impl Object {
-    /// It assigns PDOs to SM2 or SM3.
+    /// Whether it assigns PDOs to SM2 or SM3.
     pub fn assigns(&self) -> bool {
         [OUTPUT_ASSIGNMENT, INPUT_ASSIGNMENT].contains(&self.step.object.index)
     }
 
-    /// The transition, where it is not the usual one: PREOP to SAFEOP.
+    /// The transition, if it is not the usual one, PREOP to SAFEOP.
     pub fn unusual_transition(&self) -> Option<String> {
         let usual = self.step.transitions.contains(&Transition::PS);
         let letters: Vec<_> = self.step.transitions.iter().map(ToString::to_string).collect();
@@ -282,7 +280,7 @@ fn device(plan: &Plan, report: &PlanReport, of: &report::Device, list: &DeviceSt
     }
 }
 
-/// What the way up writes last to this register on the way to SAFEOP.
+/// The last value that the way up writes to this register on the way to SAFEOP.
 fn written(list: &DeviceStartUp, wanted: u16) -> Option<&[u8]> {
     let at = |step: &&isocat_descriptions::start_up::RegisterStep| {
         let here = matches!(step.address, Address::Physical { register, .. } if register == wanted);
@@ -323,7 +321,7 @@ fn unit(report: &PlanReport, of: &report::Device, list: &DeviceStartUp) -> Optio
     })
 }
 
-/// Between which phases the acting pulse may lie, for this device and for all.
+/// The allowed phases of the acting pulse, for this device and for all.
 fn why_phase(report: &PlanReport, of: &report::Device) -> String {
     let send =
         format!("the frame is at the reference clock at {}", Nanos(report.segment.send_phase_ns));
@@ -337,7 +335,7 @@ fn why_phase(report: &PlanReport, of: &report::Device) -> String {
     parts.collect::<Vec<_>>().join(", ")
 }
 
-/// A line of the budget, with its figures and where they come from.
+/// A line of the budget, with its figures and their sources.
 fn why(line: &Line) -> String {
     let sum = |terms: &[Term]| {
         let term =
@@ -367,7 +365,7 @@ fn object(step: &ObjectStep) -> Object {
     Object { step: step.clone(), why: format!("{}{meaning}", step.comment) }
 }
 
-/// The warnings of the plan about one device, or about none.
+/// The warnings of the plan about one device, or about the segment (`None`).
 fn warnings(report: &PlanReport, position: Option<usize>) -> Vec<String> {
     let of = report.warnings.iter().filter(|note| note.position == position);
     of.map(|note| note.what.clone()).collect()

@@ -81,7 +81,7 @@ fn limits(sheet: &Sheet) -> Vec<String> {
                 download.",
         );
     }
-    // The others are named where their SDO downloads are.
+    // The drives of other devices are named at their SDO downloads.
     let without_objects = sheet.devices.iter().filter(|device| device.objects.is_empty());
     let drives = |device: &Device| {
         let words = device.drives_left_out()?;

@@ -1,4 +1,4 @@
-//! TwinCAT 3: what to enter in which dialog, by its own words.
+//! TwinCAT 3: the values to enter in each dialog, with TwinCAT's names.
 
 use isocat_wire::Nanos;
 
@@ -192,13 +192,13 @@ fn start_up(page: &mut Page, object: &Object) {
     field(page, "CANopen Startup Entry", &value, &object.why);
 }
 
-/// A field of a dialog, its value, and below it the reason.
+/// A field of a dialog with its value, and the reason below.
 fn field(page: &mut Page, name: &str, value: &str, why: &str) {
     page.line(format!("    {name}: {value}"));
     page.note(8, format!("because: {why}"));
 }
 
-/// Nanoseconds in a larger unit, with no more digits than it takes.
+/// Nanoseconds in a larger unit, with only the digits that are needed.
 fn decimals(ns: i64, unit: i64) -> String {
     let digits = unit.ilog10() as usize;
     let (sign, ns) = (if ns < 0 { "-" } else { "" }, ns.unsigned_abs());

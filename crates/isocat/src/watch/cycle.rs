@@ -1,4 +1,4 @@
-//! The cycle of one SubDevice: planned events as bars over the cycle, with what was measured.
+//! The cycle of one SubDevice: planned events as bars over the cycle, with measured values.
 
 use isocat_engine::status::{Device, Kind, Moment, SUBS, Status, place};
 use ratatui::Frame;
@@ -14,7 +14,7 @@ use super::words;
 /// Columns before the bar: name, planned, seen.
 const NAME: usize = 21;
 const FIGURES: usize = 19;
-/// The least bar that says something.
+/// Least useful width of a bar.
 const LEAST_BAR: usize = 12;
 
 pub(super) fn draw(
@@ -100,7 +100,7 @@ fn why_not(status: &Status) -> &'static str {
     }
 }
 
-/// The time that the whole bar takes.
+/// Time that the whole bar represents.
 fn end_of(cycle_ns: i64, moments: &[Moment]) -> i64 {
     let last = moments.iter().map(|moment| moment.latest_ns).max().unwrap_or(0);
     cycle_ns.max(last).max(1)
@@ -126,7 +126,7 @@ fn row(moment: &Moment, end: i64, bar: usize, look: &Look) -> Line<'static> {
     Line::from(spans)
 }
 
-/// The bar: planned time light, seen time full.
+/// The bar: planned time light, observed time full.
 fn drawn(moment: &Moment, end: i64, bar: usize) -> String {
     let column = |ns: f64| {
         let at = (ns / end as f64 * bar as f64).floor();

@@ -1,8 +1,8 @@
 //! A gate for scripts: waits until a segment has been good for long enough.
 //!
-//! A stretch is good while every SubDevice that is asked for is in OP, every one with SYNC has kept its error within the
-//! limit at each edge or reading, no counter has grown, no frame was lost, no cycle skipped, and no alarm is up. The gate opens
-//! as soon as a stretch is as long as wanted.
+//! A stretch is good while every requested SubDevice is in OP, the error of every one with SYNC is
+//! within the limit at each edge or reading, no counter increases, no frame is lost, no cycle is
+//! skipped, and no alarm is active. The gate opens as soon as a stretch is long enough.
 
 use isocat_engine::status::{Device, Kind, Status};
 use isocat_wire::Nanos;
@@ -13,42 +13,43 @@ pub struct Gate {
     limit: Nanos,
     hold: Nanos,
     within: Option<Nanos>,
-    /// What the time allowed counts from.
+    /// Origin of the time limit.
     origin: Option<i64>,
-    /// Up to here everything was seen.
+    /// Time up to which all statuses were seen without a gap.
     seen_to: i64,
     clean_since: Option<i64>,
-    /// By position: when an error was last measured.
+    /// By position: time of the last measured error.
     measured: Vec<Option<i64>>,
     counts: Option<Counts>,
     worst: Option<(f64, i64, String)>,
-    /// The last stretch that was broken: how long it was, when, and by what.
+    /// The last broken stretch: its length, its end, and the reason.
     broken: Option<(i64, i64, String)>,
-    /// What keeps a stretch from beginning now.
+    /// The reason why no stretch can begin at present.
     breach: String,
 }
 
-/// Counters that may not grow.
+/// Counters that must not increase.
 #[derive(Clone, PartialEq, Debug)]
 struct Counts {
     devices: Vec<u64>,
     host: [u64; 3],
 }
 
-/// What became of the gate.
+/// The result of the gate.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Outcome {
-    /// The stretch was long enough; what was seen, in words.
+    /// The stretch was long enough; the text describes it.
     Opened(String),
-    /// It will not open any more; why.
+    /// It cannot open any more; the text is the reason.
     Closed(String),
 }
 
-/// Without an edge or a reading for so long, nobody knows.
+/// Without an edge or a reading for this time, the error is not known.
 const SILENT: i64 = 1_000_000_000;
 
 impl Gate {
-    /// Opens after `hold` with no error beyond `limit`, unless `within` has passed before.
+    /// A gate that opens after `hold` with no error beyond `limit`, unless `within` has passed
+    /// before.
     pub fn new(limit: Nanos, hold: Nanos, within: Option<Nanos>) -> Self {
         Self {
             limit,
@@ -65,7 +66,7 @@ impl Gate {
         }
     }
 
-    /// Takes a status; `None`: it goes on.
+    /// Takes a status; `None` means that the gate waits further.
     pub fn take(&mut self, status: &Status) -> Option<Outcome> {
         let first = if status.kind == Kind::Served { status.at_ns } else { 0 };
         let origin = *self.origin.get_or_insert(first);
@@ -95,7 +96,8 @@ impl Gate {
                     self.broken = Some((status.since_ns - before, status.at_ns, what));
                 }
                 let since = *self.clean_since.get_or_insert(since);
-                // The instant at which it opens, though the status may be of later.
+                // The limit is compared with the instant at which it opens, though the status may
+                // be later.
                 let in_time = self.within.is_none_or(|w| since + self.hold.0 - origin <= w.0);
                 let long_enough = status.at_ns - since >= self.hold.0;
                 if long_enough && in_time && self.all_measured(status, since) {
@@ -107,7 +109,7 @@ impl Gate {
         Some(Outcome::Closed(format!("{} in {over}", self.account())))
     }
 
-    /// What is known when somebody ends it before.
+    /// The state of the gate in words, if the user ends it early.
     pub fn account(&self) -> String {
         let mut text = format!("not within {} for {}", self.limit, self.hold);
         match &self.worst {
@@ -128,7 +130,7 @@ impl Gate {
     fn praise(&self, status: &Status) -> String {
         let all = status.devices.iter().filter(|device| device.asked && device.has_sync).count();
         let devices = if all == 1 { "1 SubDevice".to_owned() } else { format!("{all} SubDevices") };
-        // What is true by definition proves nothing.
+        // The error of the reference clock is 0 by definition, so it proves nothing.
         let only = match gated(status).count() {
             0 => ", the reference clock alone",
             _ => "",
@@ -227,7 +229,8 @@ impl Counts {
 
 const HOST: [&str; 3] = ["wrong working counters", "frames lost", "cycles skipped"];
 
-/// The SubDevices whose error counts. On a wire the reference clock has none: 0x092C is against itself.
+/// The SubDevices whose error counts. On a wire the reference clock has none: its 0x092C is
+/// relative to itself.
 fn gated(status: &Status) -> impl Iterator<Item = &Device> {
     let wire = status.kind == Kind::Wire;
     status.devices.iter().filter(move |d| d.asked && d.has_sync && !(wire && d.is_reference))
@@ -237,7 +240,7 @@ fn place(device: &Device) -> String {
     isocat_engine::status::place(device)
 }
 
-/// `12.345 s`
+/// A time such as `12.345 s`.
 fn seconds(ns: i64) -> String {
     format!("{:.3} s", ns as f64 / 1e9)
 }

@@ -1,19 +1,20 @@
-//! The live view as lines, as `ptp4l` and `chronyd` print theirs: for logs, for pipes, for people without a terminal.
+//! The live view as lines, in the style of `ptp4l` and `chronyd`: for logs, pipes, and users
+//! without a terminal.
 //!
-//! Once a second of the segment's time: a line of the segment, and one for each of the SubDevices that are worst off, a few at
-//! most. What happens in between has a line at once.
+//! Once per second of the segment's time it prints a line for the segment, and one for each of the
+//! few SubDevices in the worst state. Events in between are printed at once.
 
 use isocat_engine::status::{Device, Event, Status, servo_name};
 
 use super::words;
 
-/// SubDevices that have a line each second.
+/// Number of SubDevices with a line per second.
 pub const MOST: usize = 4;
 
-/// Events that have a line before the rest is only counted, each second.
+/// Largest number of events with a line per second; others are only counted.
 pub const MOST_EVENTS: usize = 20;
 
-/// `isocat[12.000]: …`
+/// A line: `isocat[12.000]: …`
 fn line(at_ns: i64, what: &str) -> String {
     format!("isocat[{:.3}]: {what}\n", at_ns as f64 / 1e9)
 }
@@ -29,7 +30,7 @@ pub fn lines(status: &Status) -> String {
     text + &line(status.at_ns, &summary(status))
 }
 
-/// What happened, the first few of many.
+/// The first events as lines, and the number of the others.
 pub fn events(status: &Status, events: &[Event]) -> String {
     let mut text = String::new();
     for event in events.iter().take(MOST_EVENTS) {
@@ -44,7 +45,8 @@ pub fn events(status: &Status, events: &[Event]) -> String {
     text
 }
 
-/// The SubDevices that are worst off, worst first: not in OP, with alarms, then by the size of their error.
+/// The SubDevices in the worst state, worst first: not in OP, with alarms, then by the size of
+/// their error.
 fn worst(status: &Status) -> Vec<&Device> {
     let mut all: Vec<&Device> = status.devices.iter().filter(|device| device.asked).collect();
     let rank = |device: &Device| (device.is_in_op(), device.alarms.is_empty(), !device.has_sync);
@@ -56,7 +58,7 @@ fn worst(status: &Status) -> Vec<&Device> {
     all
 }
 
-/// `2 axis 3  error  -12 ns worst 34 ns  margin 438.2 us  freq -45.01 ppm  OP`
+/// A line such as `2 axis 3  error  -12 ns worst 34 ns  margin 438.2 us  freq -45.01 ppm  OP`.
 fn device_words(device: &Device) -> String {
     let mut text = format!("{} {}", device.position, device.name);
     if let Some(error) = device.error {
@@ -82,7 +84,8 @@ fn device_words(device: &Device) -> String {
     text
 }
 
-/// `in sync: 4 of 4 in OP  worst 13 ns  phase 3.9 us  servo locked -47.00 ppm  lost 0`
+/// A line such as `in sync: 4 of 4 in OP  worst 13 ns  phase 3.9 us  servo locked -47.00 ppm  lost
+/// 0`.
 fn summary(status: &Status) -> String {
     let verdict = status.verdict();
     if !status.in_operation() {

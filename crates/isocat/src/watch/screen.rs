@@ -1,4 +1,4 @@
-//! The screen: head, host phase, table of SubDevices, what happened, keys.
+//! The screen: head, host phase, table of SubDevices, events, keys.
 
 use isocat_engine::status::{Device, Event, SUBS, Status, servo_name};
 use ratatui::Frame;
@@ -10,7 +10,7 @@ use ratatui::widgets::{Cell, Clear, Paragraph, Row, Table, TableState, Wrap};
 use super::view::{Page, Sort, View};
 use super::{cycle, words};
 
-/// Draws what there is to see.
+/// Draws the view.
 pub fn draw(frame: &mut Frame<'_>, view: &View) {
     let area = frame.area();
     let events = match area.height {
@@ -44,7 +44,7 @@ pub fn draw(frame: &mut Frame<'_>, view: &View) {
 /// Lines above the table.
 const HEAD: u16 = 5;
 
-/// Colours where they are wanted; bold, reversed and dim everywhere.
+/// The style, with colours if enabled; bold, reversed and dim are always used.
 pub(super) struct Look(pub bool);
 
 impl Look {
@@ -111,7 +111,7 @@ fn draw_head(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
     frame.render_widget(Paragraph::new(lines), area);
 }
 
-/// The last values as bars from nothing to the largest of them.
+/// The last values as bars from zero to the largest of them.
 fn sparkline(
     values: impl DoubleEndedIterator<Item = f64> + ExactSizeIterator,
     width: usize,
@@ -128,7 +128,7 @@ fn sparkline(
 
 const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 
-/// Columns from which the table has all that is known.
+/// Width from which the table has all columns.
 const WIDE: u16 = 140;
 
 fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
@@ -171,7 +171,7 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
         heads.push(head("alarm", None).into());
         widths.push(Constraint::Length(5));
     }
-    // Figures are left out rather than cut: without its first digit one is another.
+    // Figures are omitted rather than cut: without its first digit a figure would be wrong.
     let kept = kept(area.width);
     keep(&mut heads, kept);
     keep(&mut widths, kept);
@@ -188,7 +188,7 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
     frame.render_stateful_widget(table, area, &mut state);
 }
 
-/// The columns that there is room for.
+/// The columns that fit.
 fn kept(width: u16) -> &'static [usize] {
     match width {
         78.. => &[],
@@ -197,7 +197,7 @@ fn kept(width: u16) -> &'static [usize] {
     }
 }
 
-/// Keeps what stands at these places; all if none is named.
+/// Keeps the elements at these indices; all if there are none.
 fn keep<T>(all: &mut Vec<T>, places: &[usize]) {
     let mut at = 0;
     all.retain(|_| {
@@ -266,12 +266,12 @@ fn cells(device: &Device, view: &View, wide: bool) -> Vec<Cell<'static>> {
     cells
 }
 
-/// A figure, whose digits stand below those of the others.
+/// A figure, aligned to the right.
 fn right(text: String) -> Cell<'static> {
     Cell::from(Line::from(text).right_aligned())
 }
 
-/// `       0  0  0  0`, below the sub-indices in the head.
+/// Counters such as `       0  0  0  0`, below the sub-indices in the head.
 fn counters(all: &[isocat_engine::status::Counter; SUBS.len()]) -> String {
     let mut text = " ".repeat(6);
     for counter in all {
@@ -281,7 +281,7 @@ fn counters(all: &[isocat_engine::status::Counter; SUBS.len()]) -> String {
     text
 }
 
-/// Modes in eight characters.
+/// A mode in at most eight characters.
 pub(super) fn short(mode: &str) -> &str {
     match mode {
         "dc-shift-sync1" => "dc-shift",
@@ -309,7 +309,7 @@ fn draw_log(frame: &mut Frame<'_>, area: Rect, view: &View) {
     frame.render_widget(Paragraph::new(lines), area);
 }
 
-/// `  12.345 s  2 axis 3: SAFEOP+ERR, 0x001A …`
+/// An event such as `  12.345 s  2 axis 3: SAFEOP+ERR, 0x001A …`.
 fn told(event: &Event, view: &View) -> String {
     let place = view.trend().status().map(|status| words::of(status, event));
     format!("{:>12}  {}{}", words::seconds(event.at_ns), place.unwrap_or_default(), event.what)

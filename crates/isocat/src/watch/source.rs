@@ -1,4 +1,4 @@
-//! Where the statuses come from.
+//! Sources of statuses.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -17,10 +17,10 @@ use isocat_sim::observation::Observation;
 use isocat_sim::{Segment, Tap, World, run};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
-/// Gives statuses, each once.
+/// A source that gives each status once.
 pub struct Source {
     from: From,
-    /// The SubDevice whose cycle is looked at; [`NOBODY`] if none is.
+    /// The SubDevice whose cycle is observed; [`NOBODY`] for none.
     focus: Arc<AtomicUsize>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -31,19 +31,19 @@ enum From {
     Board(Board),
 }
 
-/// No SubDevice is looked at.
+/// No SubDevice is observed.
 const NOBODY: usize = usize::MAX;
-/// Statuses that wait; the simulation waits for who reads them.
+/// Largest number of waiting statuses; the simulation waits for the reader.
 const WAITING: usize = 16;
-/// The longest sleep: so often it is looked whether it is to end.
+/// The longest sleep between two checks for the end.
 const NAP: Duration = Duration::from_millis(50);
-/// Virtual time after which a way up that has not ended is given up.
+/// Virtual time limit of a way up.
 const BRING_UP_LIMIT: Picos = Picos(300_000_000_000_000);
 
-/// How fast virtual time goes.
+/// Speed of virtual time.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Speed {
-    /// So many times as fast as the host's clock.
+    /// This factor of the host's clock.
     Times(f64),
     /// As fast as it can be computed.
     Max,
@@ -63,7 +63,7 @@ impl Speed {
 }
 
 impl Source {
-    /// Simulates a segment, with a thread of its own.
+    /// Simulates a segment, on a separate thread.
     pub fn simulated(scenario: Scenario, speed: Speed, stop: Arc<AtomicBool>) -> Self {
         let (sender, receiver) = sync_channel(WAITING);
         let focus = Arc::new(AtomicUsize::new(NOBODY));
@@ -74,13 +74,13 @@ impl Source {
         Self { from: From::Channel(receiver), focus, stop, thread: Some(thread) }
     }
 
-    /// Of a loop that fills a board on this thread, until it is stopped.
+    /// The source of a loop that fills a board on this thread, until it is stopped.
     pub(crate) fn of_board(board: Board, stop: Arc<AtomicBool>, thread: JoinHandle<()>) -> Self {
         let focus = Arc::new(AtomicUsize::new(NOBODY));
         Self { from: From::Board(board), focus, stop, thread: Some(thread) }
     }
 
-    /// Asks again and again.
+    /// Polls a status repeatedly.
     pub fn asked(
         mut ask: impl FnMut() -> Result<Status, String> + Send + 'static,
         first: Status,
@@ -99,7 +99,7 @@ impl Source {
                         status.stage = isocat_engine::status::Stage::Ended;
                         status.failure = Some(why);
                         status.events.clear();
-                        // Nobody listens any more: fine.
+                        // An error means that the reader has ended, which is fine.
                         let _ = sender.send(status);
                         return;
                     }
@@ -110,7 +110,7 @@ impl Source {
         Self { from: From::Channel(receiver), focus, stop, thread: Some(thread) }
     }
 
-    /// The next status; `None`: not yet.
+    /// The next status; `None` if there is none yet.
     pub fn take(&self) -> Option<Status> {
         match &self.from {
             From::Board(board) => board.take(),
@@ -118,20 +118,20 @@ impl Source {
         }
     }
 
-    /// Looks at the cycle of this SubDevice.
+    /// Observes the cycle of this SubDevice.
     pub fn look_at(&self, position: Option<usize>) {
         self.focus.store(position.unwrap_or(NOBODY), Ordering::Relaxed);
     }
 
-    /// Whether nothing more can come.
+    /// Whether no further status can come.
     pub fn is_over(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Ends it, and waits until it has ended.
+    /// Stops it, and waits for its end.
     pub fn end(mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        // Who waits to send is sent home.
+        // This releases a thread that waits to send.
         self.from = From::Channel(sync_channel(1).1);
         if let Some(thread) = self.thread.take()
             && let Err(panic) = thread.join()
@@ -141,7 +141,7 @@ impl Source {
     }
 }
 
-/// A simulation in steps of the interval of statuses.
+/// A simulation in steps of the status interval.
 struct Simulation {
     world: World<Motion, Shared>,
     onlooker: Rc<RefCell<Onlooker>>,
@@ -214,7 +214,7 @@ impl Simulation {
         }
     }
 
-    /// Whose cycle is looked at.
+    /// Observes the cycle of the selected SubDevice.
     fn look(&mut self) {
         let position = self.focus.load(Ordering::Relaxed);
         let segment = self.world.main().segment();
@@ -243,7 +243,7 @@ impl Simulation {
         }
     }
 
-    /// Waits until the host's clock is as far; false: it is to end.
+    /// Waits for the host's clock; returns false if the source is to end.
     fn pace(&self, origin: Instant, until: Time<True>, speed: Speed) -> bool {
         let due = match speed {
             Speed::Max => Duration::ZERO,

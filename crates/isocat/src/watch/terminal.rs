@@ -1,4 +1,4 @@
-//! The loop with a terminal: draws, takes keys, and gives the terminal back as it was, whatever happens.
+//! The loop with a terminal: it draws, handles keys, and always restores the terminal.
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,28 +13,28 @@ use super::gate::Outcome;
 use super::view::{Key, View};
 use super::{Gate, Source, Trend, plain, screen};
 
-/// How it ended.
+/// The end of the loop.
 #[derive(Clone, Debug)]
 pub struct End {
-    /// The gate, if there was one and it opened or closed.
+    /// The result of the gate, if there was one and it opened or closed.
     pub outcome: Option<Outcome>,
     /// The last status.
     pub status: Option<Status>,
-    /// Who read the lines went away.
+    /// Whether the reader of the lines has gone.
     pub unread: bool,
 }
 
-/// Who else is shown each status: the metrics.
+/// A further receiver of each status: the metrics.
 pub type Reader<'a> = &'a mut dyn FnMut(&Status);
 
-/// From one look at the source to the next.
+/// Time from one poll of the source to the next.
 const LOOK: Duration = Duration::from_millis(20);
-/// From one drawing to the next, if no key is pressed.
+/// Time from one drawing to the next, if no key is pressed.
 const DRAW: Duration = Duration::from_millis(100);
 /// Time of the segment from one set of lines to the next.
 const TICK_NS: i64 = 1_000_000_000;
 
-/// What every loop does with statuses.
+/// The common part of all loops.
 struct Taker<'a> {
     source: &'a Source,
     gate: Option<&'a mut Gate>,
@@ -46,9 +46,9 @@ struct Taker<'a> {
 }
 
 impl Taker<'_> {
-    /// Takes all that is there; `show` is told each.
+    /// Takes all waiting statuses, and calls `show` with each.
     fn take(&mut self, mut show: impl FnMut(Status)) {
-        // The thread ends behind its last status, so whether it has ended is asked first.
+        // The thread ends after its last status, so its end is checked first.
         let ended = self.source.is_over();
         while let Some(status) = self.source.take() {
             (self.reader)(&status);
@@ -72,7 +72,7 @@ impl Taker<'_> {
     }
 }
 
-/// Shows it on the terminal until somebody ends it.
+/// Shows the segment on the terminal until the user ends it.
 pub fn run(
     source: &Source,
     view: &mut View,
@@ -82,7 +82,7 @@ pub fn run(
     reader: Reader<'_>,
 ) -> io::Result<End> {
     let mut taker = taker(source, gate, within_ns, reader);
-    // It restores the terminal if something panics, too.
+    // The terminal is restored after a panic, too.
     let mut terminal = ratatui::try_init()?;
     let result = (|| {
         let mut drawn: Option<Instant> = None;
@@ -113,7 +113,7 @@ pub fn run(
     result.and(restored).map(|()| taker.end)
 }
 
-/// Prints lines until somebody ends it. A reader that went away is no error: it ends.
+/// Prints lines until the user ends it. If the reader goes away, it ends without an error.
 pub fn print(
     source: &Source,
     gate: Option<&mut Gate>,
@@ -134,12 +134,12 @@ pub fn print(
             text += &plain::events(status, &events);
             if ended || next.is_none_or(|next| at >= next) {
                 text += &plain::lines(status);
-                // On the grid of whole seconds, however late this one came.
+                // Lines are on the grid of whole seconds, however late this one was.
                 next = Some((at / TICK_NS + 1) * TICK_NS);
             }
         });
         match if read { write(&text) } else { Ok(()) } {
-            // A gate is waited for all the same.
+            // A gate is still waited for.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
                 read = false;
                 taker.end.unread = true;
@@ -173,12 +173,12 @@ fn write(text: &str) -> io::Result<()> {
     out.flush()
 }
 
-/// Whether both ends of the terminal are there.
+/// Whether standard input and output are a terminal.
 pub fn is_there() -> bool {
     io::stdout().is_terminal() && io::stdin().is_terminal()
 }
 
-/// In raw mode Ctrl-C is a key.
+/// Whether the key is Ctrl-C, which is a normal key in raw mode.
 fn ends(key: &KeyEvent) -> bool {
     key.modifiers.contains(KeyModifiers::CONTROL) && matches!(key.code, KeyCode::Char('c' | 'C'))
 }

@@ -1,4 +1,4 @@
-//! Screens as golden texts, keys, the edges of the gate, lines.
+//! Screens as golden texts, keys, the limits of the gate, lines.
 
 use isocat_engine::status::{Counter, Device, Error, Event, Kind, Margin, Moment, Stage, Status};
 use isocat_sync::phase;
@@ -12,7 +12,7 @@ use super::source::Speed;
 use super::view::{Key, Page, Sort};
 use super::{Gate, Trend, View, plain, screen};
 
-/// A segment of six in operation, one of which has fallen, with figures that tell apart.
+/// A segment of six in operation, one of which has left OP, with distinct figures.
 fn segment(at_ns: i64) -> Status {
     let mut status = Status::new("line.toml".into(), Kind::Simulated, 1_000_000, 1_000);
     status.stage = Stage::InOperation;
@@ -132,7 +132,7 @@ fn the_cycle_at_both_sizes() {
     is_golden("help_80x24", &drawn(&view, 80, 24));
 }
 
-/// However small the terminal becomes, and however little is known.
+/// Any terminal size is drawn, with any amount of data.
 #[test]
 fn any_size_is_drawn() {
     let mut full = view();
@@ -164,7 +164,7 @@ fn colours_only_where_they_are_wanted() {
         let cells = terminal.backend().buffer().content();
         let coloured = cells.iter().any(|cell| cell.fg != Color::Reset || cell.bg != Color::Reset);
         assert_eq!(coloured, colour);
-        // Without colours bad news are bold, at least.
+        // Without colours, bad news are bold at least.
         assert!(cells.iter().any(|cell| cell.modifier.contains(Modifier::BOLD)));
     }
 }
@@ -186,7 +186,7 @@ fn keys_select_sort_and_go_there_and_back() {
     }
     view.press(Key::Char('r'));
     assert_eq!(order(&view), [5, 4, 3, 2, 1, 0]);
-    // The one selected stays so, wherever it moves.
+    // The selected device stays selected wherever it moves.
     assert_eq!(view.current().map(|device| device.position), Some(0));
     view.press(Key::Up);
     assert_eq!(view.current().map(|device| device.position), Some(1));
@@ -235,12 +235,12 @@ fn rates_are_those_of_the_last_ten_seconds() {
     assert_eq!(take(0, 100), 0.0);
     assert_eq!(take(4, 100), 0.0);
     assert_eq!(take(8, 104), 0.5);
-    // From 4 s to 14 s.
+    // The rate covers 4 s to 14 s.
     assert_eq!(take(14, 120), 2.0);
     assert_eq!(take(40, 120), 0.0);
 }
 
-/// A service tells its last events again and again.
+/// A service repeats its last events.
 #[test]
 fn events_of_a_service_are_taken_once() {
     let mut trend = Trend::default();
@@ -257,7 +257,7 @@ fn events_of_a_service_are_taken_once() {
     assert_eq!(take(&[(9, "e")]), 1, "the ones between are lost");
 }
 
-/// Two that work by SYNC, in sync.
+/// Two devices that work by SYNC, in sync.
 fn good(at_ns: i64) -> Status {
     let mut status = segment(at_ns);
     status.devices.truncate(2);
@@ -265,7 +265,8 @@ fn good(at_ns: i64) -> Status {
     status
 }
 
-/// Feeds a gate of 100 ns for 5 s with a status each 100 ms, until it is over or 100 are taken.
+/// Feeds a gate of 100 ns for 5 s with a status every 100 ms, until it has a result or 100 are
+/// taken.
 fn fed(gate: &mut Gate, change: impl Fn(i64, &mut Status)) -> (i64, Option<Outcome>) {
     for step in 1..=100 {
         let mut status = good(step * 100_000_000);
@@ -289,7 +290,7 @@ fn the_gate_opens_when_the_stretch_is_long_enough() {
     assert_eq!((step, outcome), (50, Some(Outcome::Opened(words.to_owned()))));
 }
 
-/// Both sides of each edge, by a nanosecond.
+/// Tests both sides of each limit, by a nanosecond.
 #[test]
 fn the_edges_of_the_gate() {
     let error = |recent: f64| {
@@ -302,7 +303,7 @@ fn the_edges_of_the_gate() {
     assert!(matches!(fed(&mut gate(), error(100.0)), (50, Some(Outcome::Opened(_)))));
     assert_eq!(fed(&mut gate(), error(101.0)), (100, None));
     assert_eq!(fed(&mut gate(), error(100.001)), (100, None), "by a picosecond");
-    // The time in operation: a stretch begins with it, not before.
+    // A stretch begins with the time in operation, not before.
     let late = |since: i64| {
         move |step: i64, status: &mut Status| {
             status.operation_ns = Some(status.at_ns - since);
@@ -356,7 +357,7 @@ fn everything_else_breaks_a_stretch_too() {
             if step == 20 {
                 change(status);
             } else if step > 20 {
-                // What has grown stays so.
+                // An increased counter stays increased.
                 let grown = words.contains("grew") as u64;
                 status.devices[1].inputs[3].risen = grown;
                 status.host.frames_lost = words.contains("frames lost") as u64;
@@ -369,7 +370,7 @@ fn everything_else_breaks_a_stretch_too() {
     }
 }
 
-/// Nobody knows what was not seen: a hole in the statuses, an error that is not measured any more.
+/// Unobserved times do not count: a gap between statuses, or an error that is no longer measured.
 #[test]
 fn what_was_not_seen_does_not_count() {
     let (step, _) = fed(&mut gate(), |step, status| {
@@ -417,7 +418,7 @@ fn without_sync_or_at_the_end_there_is_nothing_to_wait_for() {
     assert!(words.ends_with("the cable is out"), "{words}");
 }
 
-/// On a wire the reference clock has no error of its own: 0x092C is against itself.
+/// On a wire the reference clock has no error: its 0x092C is relative to itself.
 #[test]
 fn the_reference_of_a_wire_is_not_waited_for() {
     let unmeasured = |kind| {
@@ -470,7 +471,7 @@ fn figures_keep_to_their_columns() {
         assert_eq!(super::words::time(ns), words);
         assert!(words.len() <= 8);
     }
-    // A screen too narrow for all figures leaves some out, and cuts none.
+    // A screen too narrow for all figures omits some, and cuts none.
     let narrow = drawn(&view(), 60, 20);
     assert!(
         narrow.contains(" 438.2 us ") && narrow.contains(" 1234 ns ") && !narrow.contains("ppm[r]")

@@ -1,4 +1,4 @@
-//! What the figures were: for rates, the sparkline, and the list of what happened.
+//! History of the figures: for rates, the sparkline, and the list of events.
 
 use std::collections::VecDeque;
 
@@ -8,24 +8,24 @@ use isocat_engine::status::{Event, Kind, Status};
 #[derive(Clone, Debug, Default)]
 pub struct Trend {
     status: Option<Status>,
-    /// When, how late frames were.
+    /// Lateness of frames.
     phases: VecDeque<f64>,
-    /// When, and how much the counters of each SubDevice had risen.
+    /// Time, and the increase of the counters of each SubDevice.
     counts: VecDeque<(i64, Vec<u64>)>,
     events: VecDeque<Event>,
-    /// The last event of a service, which tells the last ones again and again.
+    /// The last event of a service, which repeats its last events.
     last: Option<Event>,
 }
 
-/// Values of the sparkline.
+/// Largest number of values in the sparkline.
 const MOST_PHASES: usize = 512;
-/// Events that are kept.
+/// Largest number of events that are kept.
 const MOST_EVENTS: usize = 500;
 /// Time over which rates are taken.
 const RATE_NS: i64 = 10_000_000_000;
 
 impl Trend {
-    /// Takes the next status; gives the events that are new.
+    /// Takes the next status; returns the new events.
     pub fn take(&mut self, mut status: Status) -> Vec<Event> {
         let mut events = std::mem::take(&mut status.events);
         if status.kind == Kind::Served {
@@ -53,12 +53,12 @@ impl Trend {
         self.status.as_ref()
     }
 
-    /// How late frames were, oldest first, ns.
+    /// Lateness of frames, oldest first, ns.
     pub fn phases(&self) -> impl DoubleEndedIterator<Item = f64> + ExactSizeIterator + '_ {
         self.phases.iter().copied()
     }
 
-    /// How fast the counters of a SubDevice rise, a second, over the last ten seconds.
+    /// Increase of a SubDevice's counters per second, over the last ten seconds.
     pub fn rate(&self, position: usize) -> f64 {
         let (Some((from, before)), Some((to, now))) = (self.counts.front(), self.counts.back())
         else {
@@ -69,7 +69,7 @@ impl Trend {
         if seconds <= 0.0 { 0.0 } else { of(now).saturating_sub(of(before)) as f64 / seconds }
     }
 
-    /// What happened, oldest first.
+    /// The events, oldest first.
     pub fn events(&self) -> impl DoubleEndedIterator<Item = &Event> + ExactSizeIterator {
         self.events.iter()
     }

@@ -1,41 +1,41 @@
-//! What is shown of a segment, and what keys do.
+//! The view of a segment, and the effect of keys.
 
 use isocat_engine::status::{Device, Status};
 
 use super::Trend;
 
-/// What is selected, and how it is sorted.
+/// Selection and sort order.
 #[derive(Clone, Debug)]
 pub struct View {
     trend: Trend,
-    /// What was known when the display was paused.
+    /// The history at the time when the display was paused.
     held: Option<Box<Trend>>,
     sort: Sort,
     reverse: bool,
-    /// Position of the SubDevice selected.
+    /// Position of the selected SubDevice.
     selected: usize,
     page: Page,
-    /// What stands at the right of the first line: a speed, an interface.
+    /// Text at the right of the first line: a speed, an interface.
     pub title: String,
-    /// Colours are wanted.
+    /// Whether colours are used.
     pub colour: bool,
 }
 
-/// What is on the screen.
+/// The page on the screen.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Page {
     /// All SubDevices.
     Table,
-    /// The cycle of the one selected.
+    /// The cycle of the selected SubDevice.
     Cycle,
-    /// The keys; and what was there before.
+    /// The help, over another page.
     Help {
-        /// It was the cycle.
+        /// Whether the other page is the cycle.
         over_cycle: bool,
     },
 }
 
-/// What the table is sorted by.
+/// Sort order of the table.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Sort {
     /// Place in processing order.
@@ -44,18 +44,18 @@ pub enum Sort {
     Error,
     /// Margin, least first.
     Margin,
-    /// How far the clock is off, furthest first.
+    /// Deviation of the clock, largest first.
     Ppm,
-    /// How much counters rose, most first.
+    /// Increase of counters, largest first.
     Counters,
 }
 
 impl Sort {
-    /// All, in the order in which a key goes through them.
+    /// All, in the order of the key.
     pub const ALL: [Sort; 5] =
         [Sort::Position, Sort::Error, Sort::Margin, Sort::Ppm, Sort::Counters];
 
-    /// The word for it.
+    /// The name.
     pub const fn name(self) -> &'static str {
         match self {
             Sort::Position => "position",
@@ -67,7 +67,7 @@ impl Sort {
     }
 }
 
-/// A key, as far as the view has a use for it.
+/// A key that the view uses.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Key {
     /// A letter.
@@ -80,9 +80,9 @@ pub enum Key {
     PageUp,
     /// A page down.
     PageDown,
-    /// To the first.
+    /// To the first row.
     Home,
-    /// To the last.
+    /// To the last row.
     End,
     /// Enter.
     Enter,
@@ -90,11 +90,11 @@ pub enum Key {
     Escape,
 }
 
-/// SubDevices that a page key goes by.
+/// Number of SubDevices that a page key moves by.
 const PAGE: isize = 10;
 
 impl View {
-    /// Nothing is known yet.
+    /// A view before anything is known.
     pub fn new(title: String, colour: bool) -> Self {
         Self {
             trend: Trend::default(),
@@ -113,7 +113,7 @@ impl View {
         self.trend.take(status);
     }
 
-    /// Does what a key says; true: the end is asked for.
+    /// Handles a key; returns true if the user wants to end.
     pub fn press(&mut self, key: Key) -> bool {
         match (key, self.page) {
             (Key::Char('q' | 'Q'), _) => return true,
@@ -146,7 +146,7 @@ impl View {
         false
     }
 
-    /// What is shown: as of now, or as of when it was paused.
+    /// The shown history: the present one, or that at the time of the pause.
     pub fn trend(&self) -> &Trend {
         self.held.as_deref().unwrap_or(&self.trend)
     }
@@ -156,33 +156,33 @@ impl View {
         self.held.is_some()
     }
 
-    /// What is on the screen.
+    /// The page on the screen.
     pub fn page(&self) -> Page {
         self.page
     }
 
-    /// What the table is sorted by, and whether the other way round.
+    /// The sort order of the table, and whether it is reversed.
     pub fn sort(&self) -> (Sort, bool) {
         (self.sort, self.reverse)
     }
 
-    /// The SubDevice whose cycle is looked at.
+    /// The SubDevice whose cycle is shown.
     pub fn focus(&self) -> Option<usize> {
         (self.page == Page::Cycle).then_some(self.selected)
     }
 
-    /// The SubDevice selected; `None` while there is none.
+    /// The selected SubDevice; `None` if there is none.
     pub fn current(&self) -> Option<&Device> {
         let devices = &self.trend().status()?.devices;
         devices.iter().find(|device| device.position == self.selected)
     }
 
-    /// The SubDevices in the order in which they are shown.
+    /// The SubDevices in the order of the table.
     pub fn rows(&self) -> Vec<&Device> {
         let Some(status) = self.trend().status() else { return Vec::new() };
         let mut rows: Vec<&Device> = status.devices.iter().collect();
         let size = |figure: Option<f64>| figure.map_or(-1.0, f64::abs);
-        // Stable: equal ones stay in the order of the line.
+        // The sort is stable, so equal ones stay in the order of the line.
         match self.sort {
             Sort::Position => {}
             Sort::Error => rows.sort_by(|one, other| {
@@ -204,7 +204,7 @@ impl View {
         rows
     }
 
-    /// Where the one selected stands among the rows.
+    /// Index of the selected SubDevice among the rows.
     pub fn selected_row(&self) -> usize {
         self.rows().iter().position(|device| device.position == self.selected).unwrap_or(0)
     }

@@ -1,9 +1,9 @@
-//! Figures as people read them.
+//! Figures as text for people.
 
 use isocat_engine::status::{Event, Status};
 use isocat_wire::Nanos;
 
-/// Whom an event concerns, `2 axis 3: `; empty if it is the segment.
+/// The SubDevice that an event concerns, such as `2 axis 3: `; empty for the segment.
 pub fn of(status: &Status, event: &Event) -> String {
     let Some(position) = event.position else { return String::new() };
     match status.devices.get(position).map(|device| &device.name).filter(|name| !name.is_empty()) {
@@ -12,9 +12,10 @@ pub fn of(status: &Status, event: &Event) -> String {
     }
 }
 
-/// `-12 ns`, `438.2 us`, `-438 us`, `1.49 ms`: eight characters at most up to hours.
+/// A time such as `-12 ns`, `438.2 us`, `-438 us`, `1.49 ms`: at most eight characters, up to
+/// hours.
 pub fn time(ns: f64) -> String {
-    // Nothing is no less than nothing.
+    // A rounded zero has no sign.
     let ns = if ns.abs() < 0.5 { 0.0 } else { ns };
     let size = ns.abs();
     match size {
@@ -27,27 +28,27 @@ pub fn time(ns: f64) -> String {
     }
 }
 
-/// As [`time`], a dash for none.
+/// Like [`time`], with a dash for `None`.
 pub(crate) fn maybe(ns: Option<f64>) -> String {
     ns.map_or_else(|| "-".to_owned(), time)
 }
 
-/// `+50.03`, a dash for none.
+/// A deviation such as `+50.03`, or a dash for `None`.
 pub fn ppm(ppm: Option<f64>) -> String {
     ppm.map_or_else(|| "-".to_owned(), |ppm| format!("{ppm:+.2}"))
 }
 
-/// `12.345 s`
+/// A time such as `12.345 s`.
 pub fn seconds(ns: i64) -> String {
     format!("{:.3} s", ns as f64 / 1e9)
 }
 
-/// `1 ms`, a dash before it is known.
+/// A cycle such as `1 ms`, or a dash before it is known.
 pub fn cycle(ns: i64) -> String {
     if ns > 0 { Nanos(ns).to_string() } else { "-".to_owned() }
 }
 
-/// A rate a second, without needless digits.
+/// A rate per second, without unnecessary digits.
 pub fn rate(rate: f64) -> String {
     match rate {
         0.0 => "0".to_owned(),
@@ -57,7 +58,7 @@ pub fn rate(rate: f64) -> String {
     }
 }
 
-/// As many characters at most, the last one a sign that there were more.
+/// A text cut to at most `width` characters, with a mark at the end if it was longer.
 pub fn cut(text: &str, width: usize) -> String {
     if text.chars().count() <= width {
         return text.to_owned();

@@ -1,4 +1,4 @@
-//! What stands behind a word, read from left to right.
+//! The arguments of a word, read from left to right.
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -14,17 +14,17 @@ use super::Wrong;
 use crate::profile::{self, Profile};
 use crate::segment_file::{self, RING_NAME};
 
-/// The words of a line, and who is meant by names.
+/// The words of a line, and the names of the SubDevices.
 pub struct Arguments<'a> {
     words: Vec<&'a str>,
     at: usize,
     names: &'a [String],
 }
 
-/// The longest time that a fault has.
+/// The longest time of a fault.
 const LONGEST: Nanos = Nanos::millis(3_600_000);
 
-/// Lengths of cables, mm, as the key `cable` has them.
+/// Lengths of cables, mm, as for the key `cable`.
 const LENGTHS: std::ops::RangeInclusive<i64> = 10..=2_000_000;
 
 impl<'a> Arguments<'a> {
@@ -50,7 +50,7 @@ impl<'a> Arguments<'a> {
         is_next
     }
 
-    /// A SubDevice by its name, which may have spaces in it, or by its position.
+    /// A SubDevice by its name, which may contain spaces, or by its position.
     pub fn device(&mut self) -> Result<usize, Wrong> {
         let rest = &self.words[self.at..];
         for count in (1..=rest.len()).rev() {
@@ -80,13 +80,13 @@ impl<'a> Arguments<'a> {
     /// A cable: the one that leads to a SubDevice, or `ring` for the one that closes a ring.
     pub fn cable(&mut self) -> Result<usize, Wrong> {
         match self.device() {
-            // A SubDevice may have that name where there is no ring.
+            // Without a ring, a SubDevice may have that name.
             Err(_) if self.take(RING_NAME) => Ok(RING_CABLE),
             cable => cable,
         }
     }
 
-    /// A time from 0 on.
+    /// A time of 0 or more.
     pub fn time(&mut self) -> Result<Nanos, Wrong> {
         let word = self.next().ok_or_else(|| Wrong("a time is missing".into()))?;
         if word == "0" {
@@ -109,7 +109,7 @@ impl<'a> Arguments<'a> {
         }
     }
 
-    /// A time above 0 that faults of which there are many keep between each other.
+    /// A time above 0, long enough to separate repeated faults.
     pub fn pause(&mut self) -> Result<Nanos, Wrong> {
         let time = self.time()?;
         if time >= SHORTEST_PAUSE {
@@ -118,7 +118,7 @@ impl<'a> Arguments<'a> {
         Err(Wrong(format!("{time} is too short: 10 us at least")))
     }
 
-    /// A time, if one stands there.
+    /// A time, if the next word is one.
     pub fn some_time(&mut self) -> Result<Option<Nanos>, Wrong> {
         let is_time = |word: &str| word == "0" || quantity::parse_duration(word).is_ok();
         match self.peek().is_some_and(is_time) {
@@ -127,7 +127,7 @@ impl<'a> Arguments<'a> {
         }
     }
 
-    /// One time, or the least and the most of two.
+    /// One time, or the least and the largest of two.
     pub fn span(&mut self) -> Result<(Nanos, Nanos), Wrong> {
         let least = self.time()?;
         let most = self.some_time()?.unwrap_or(least);
@@ -137,7 +137,7 @@ impl<'a> Arguments<'a> {
         }
     }
 
-    /// How late something on the host is.
+    /// Lateness on the host.
     pub fn late(&mut self) -> Result<LateHost, Wrong> {
         let (least, most) = self.span()?;
         let ppm = match self.peek().is_some_and(|word| word.ends_with('%')) {
@@ -162,7 +162,7 @@ impl<'a> Arguments<'a> {
         }
     }
 
-    /// A share of all frames, and how many are hit in a row.
+    /// A share of all frames, and the number of consecutive frames.
     pub fn chance(&mut self) -> Result<Which, Wrong> {
         let ppm = self.share()?;
         let burst = match self.take("burst") {
@@ -190,7 +190,7 @@ impl<'a> Arguments<'a> {
         number.ok_or_else(|| Wrong(format!("\"{word}\" is no number from {least} to {most}")))
     }
 
-    /// `out` or `back`, if one of them stands there.
+    /// `out` or `back`, if the next word is one of them.
     pub fn some_way(&mut self) -> Option<Direction> {
         if self.take("out") {
             return Some(Direction::Out);
@@ -203,14 +203,14 @@ impl<'a> Arguments<'a> {
         self.some_way().ok_or_else(|| Wrong(format!("\"{found}\" is neither out nor back")))
     }
 
-    /// Which frames of which place: `[out|back] [at CABLE]`.
+    /// Direction and place of frames: `[out|back] [at CABLE]`.
     pub fn place(&mut self) -> Result<(Option<Direction>, Option<usize>), Wrong> {
         let way = self.some_way();
         let cable = self.take("at").then(|| self.cable()).transpose()?;
         Ok((way.or_else(|| self.some_way()), cable))
     }
 
-    /// How much faster a clock runs, ppb.
+    /// Frequency deviation of a clock, ppb (positive: faster).
     pub fn rate(&mut self) -> Result<i64, Wrong> {
         let word = self.next().ok_or_else(|| Wrong("a rate is missing".into()))?;
         let Ppb(rate) = Ppb::from_str(word).map_err(|error| Wrong(error.to_string()))?;
@@ -220,7 +220,7 @@ impl<'a> Arguments<'a> {
         }
     }
 
-    /// A code of 16 bits, in decimal or with 0x.
+    /// A 16-bit code, in decimal or with 0x.
     pub fn code(&mut self) -> Result<AlStatusCode, Wrong> {
         let word = self.next().unwrap_or_default();
         let code = match word.strip_prefix("0x") {
@@ -231,7 +231,7 @@ impl<'a> Arguments<'a> {
         code.ok_or_else(|| Wrong(format!("\"{word}\" is no AL status code such as 0x0050")))
     }
 
-    /// What a SubDevice does wrong: the rest of the line, but for its end.
+    /// A misbehaviour of a SubDevice: the rest of the line, up to `for`.
     pub fn misbehaviour(&mut self) -> Result<Misbehaviour, Wrong> {
         let rest = &self.words[self.at..];
         let end = rest.iter().position(|word| *word == "for").unwrap_or(rest.len());
@@ -246,18 +246,18 @@ impl<'a> Arguments<'a> {
         profile::built_in(word).ok_or_else(|| Wrong(format!("no built-in device \"{word}\"")))
     }
 
-    /// `for` and a time, if that stands there.
+    /// `for` and a time, if the next word is `for`.
     pub fn lasts(&mut self) -> Result<Option<Nanos>, Wrong> {
         self.take("for").then(|| self.pause()).transpose()
     }
 
-    /// Something late: by how much, and which frames.
+    /// A delay: its size, and the frames.
     pub fn delay(&mut self) -> Result<(Harm, Which), Wrong> {
         let (least, most) = self.span()?;
         let named = |word: &str| word.ends_with('%') || word.parse::<u64>().is_ok();
         let which = match self.peek().is_some_and(named) {
             true => self.which()?,
-            // None is late any more.
+            // A delay of 0 means that no frame is late any more.
             false if most == Nanos::ZERO => Which::Chance { ppm: 0, burst: 1 },
             false => Which::Chance { ppm: MILLION, burst: 1 },
         };
@@ -266,6 +266,6 @@ impl<'a> Arguments<'a> {
 }
 
 const MOST_FRAMES: u64 = 1_000_000_000;
-/// Half of what the simulation's clocks bear, ppb.
+/// Half of the range of the simulation's clocks, ppb.
 const MOST_RATE: i64 = 5_000_000;
 const SHORTEST_PAUSE: Nanos = Nanos::micros(10);

@@ -1,4 +1,4 @@
-//! The words for faults: what stands behind each, and what it means.
+//! The words for faults, with their arguments and meaning.
 
 use isocat_sim::fault::{ClockChange, Fault, Foreign, FrameFault, Harm, Whose};
 use isocat_subdevice::Misbehaviour;
@@ -9,18 +9,19 @@ use super::{Order, Wrong};
 
 /// A word for a fault.
 pub struct Word {
-    /// As a line begins with it.
+    /// The first word of a line.
     pub name: &'static str,
-    /// What stands behind it, with `[…]` for what may be left out.
+    /// Its arguments, with `[…]` for optional ones.
     pub form: &'static str,
-    /// A line, for a segment with at least two SubDevices.
+    /// An example line, for a segment with at least two SubDevices.
     pub example: &'static str,
-    /// What it does, as a sentence.
+    /// Its effect, as a sentence.
     pub means: &'static str,
     pub(super) read: fn(&mut Arguments<'_>) -> Result<Order, Wrong>,
 }
 
-/// All of them: frames, cables, power and parts of SubDevices, clocks, the host, what SubDevices do, others on the wire.
+/// All words: frames, cables, power and parts of SubDevices, clocks, the host, behaviour of
+/// SubDevices, other devices on the wire.
 pub static WORDS: [Word; 27] = [
     Word {
         name: "drop",
@@ -280,9 +281,9 @@ fn whose(a: &mut Arguments<'_>) -> Result<Whose, Wrong> {
     }
 }
 
-/// How long a power cycle takes if nobody says.
+/// Default duration of a power cycle.
 const OFF: Nanos = Nanos::millis(500);
 const REPLACED: Nanos = Nanos::millis(1_000);
 const FOREIGN: Nanos = Nanos::millis(100);
-/// A mailbox that is answered in an hour.
+/// A mailbox that answers after an hour.
 const STUCK: Misbehaviour = Misbehaviour::SlowMailbox(Nanos::millis(3_600_000));

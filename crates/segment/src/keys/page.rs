@@ -40,7 +40,7 @@ fn table(section: &Section) -> String {
     if text.ends_with('\n') { text } else { text + "\n" }
 }
 
-/// What values it has; of a table its own place on the page.
+/// The values of a key; for a table, the link to it on the page.
 fn values(key: &Key) -> String {
     match key.kind {
         Kind::Table(section) | Kind::Tables(section) if section.head.starts_with('[') => {
@@ -51,7 +51,7 @@ fn values(key: &Key) -> String {
     }
 }
 
-/// The words that a key has by itself.
+/// The words that are values of a key.
 fn words(kind: &Kind) -> Vec<(&'static str, &'static str)> {
     match kind {
         Kind::Choice(choice) => choice.0.words(),

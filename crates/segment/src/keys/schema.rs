@@ -1,7 +1,7 @@
-//! A JSON schema for editors: what keys there are, what they mean, and which values they have.
+//! A JSON schema for editors: the keys, their meaning, and their values.
 //!
-//! Editors of TOML know draft 7 and the extension `x-taplo`, which explains each word of a list.
-//! Ranges of quantities with units are beyond a schema; their form is not.
+//! Editors of TOML support draft 7 and the extension `x-taplo`, which explains each word of a list.
+//! A schema cannot express ranges of quantities with units, only their form.
 
 use isocat_descriptions::document::section::{
     Cell, Choice, Key, Kind, Limit, Need, Row, Rule, Section,
@@ -42,7 +42,7 @@ fn section(section: &Section) -> Value {
     schema
 }
 
-/// What holds between two keys.
+/// A rule between two keys.
 fn rule(rule: &Rule) -> Value {
     let has = |key: &str| json!({ "required": [key] });
     match *rule {
@@ -67,7 +67,7 @@ fn property(key: &Key) -> Value {
     let (values, need) = (key.kind.words(), key.need.words());
     let words = format!("{}\n\n{values}; {need}\n\nGoes to: {}", key.means, key.goes);
     if let Kind::Table(_) = key.kind {
-        // Beside a reference, draft 7 takes no notice of other keywords.
+        // Draft 7 ignores other keywords next to a reference.
         schema = json!({ "allOf": [schema] });
     }
     set(&mut schema, "description", json!(words));
@@ -83,7 +83,7 @@ fn kind(kind: &Kind) -> Value {
         Kind::Duration { least, .. } => {
             let signed = match least {
                 Limit::At(least) => *least < 0,
-                // The least value that it follows from.
+                // The least value by which the limit is computed.
                 Limit::From(_, least) => least(1) < 0,
             };
             text(&duration_pattern(signed))
@@ -125,7 +125,8 @@ fn text(pattern: &str) -> Value {
     json!({ "type": "string", "pattern": pattern })
 }
 
-/// Ends that 64 bits have anyway say nothing to people, and editors count in floating point.
+/// The limits of 64 bits are left out: they tell people nothing, and editors compute in floating
+/// point.
 fn integer(least: i64, most: i64) -> Value {
     let mut schema = json!({ "type": "integer" });
     if least != i64::MIN {

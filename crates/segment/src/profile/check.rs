@@ -1,4 +1,4 @@
-//! Contradictions within a profile. Each is an error at the line that can't be true.
+//! Contradictions within a profile. Each is an error at the line that cannot be true.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -59,7 +59,7 @@ pub(super) fn check(draft: &Draft<'_>) -> Result<(), FileError> {
     cycle(draft)
 }
 
-/// What is downloaded at start can be.
+/// Checks that the downloads at start are possible.
 fn startup(draft: &Draft<'_>) -> Result<(), FileError> {
     for Placed { at, value } in &draft.startup {
         let Startup { object, data, complete_access, .. } = value;
@@ -83,7 +83,7 @@ fn startup(draft: &Draft<'_>) -> Result<(), FileError> {
     Ok(())
 }
 
-/// Without a program there is no mailbox, and outputs may be registers.
+/// Checks that a device without a program has no mailbox; its outputs may be registers.
 fn emulation(draft: &Draft<'_>) -> Result<(), FileError> {
     let Placed { at, value } = draft.behaviour;
     if value.device_emulation && draft.mailbox.is_some() {
@@ -112,7 +112,7 @@ fn emulation(draft: &Draft<'_>) -> Result<(), FileError> {
     Ok(())
 }
 
-/// Each area has a SyncManager of its own, which the ESC has.
+/// Checks that each area has a separate SyncManager, and that the ESC has it.
 fn sync_managers(draft: &Draft<'_>) -> Result<(), FileError> {
     let (chip, esc) = draft.esc.chip;
     for (area, name) in [(&draft.outputs, "outputs"), (&draft.inputs, "inputs")] {
@@ -143,7 +143,7 @@ fn sync_managers(draft: &Draft<'_>) -> Result<(), FileError> {
     }
 }
 
-/// Areas lie in the ESC's RAM and do not overlap; process data are there three times.
+/// Checks that areas are in the ESC's RAM and do not overlap; process data need three buffers.
 pub(super) fn memory(draft: &Draft<'_>) -> Result<(), FileError> {
     let mut areas = Vec::new();
     if let Some(mailbox) = draft.mailbox {
@@ -195,7 +195,7 @@ pub(super) fn memory(draft: &Draft<'_>) -> Result<(), FileError> {
     Ok(())
 }
 
-/// The values of all objects have room in the stack's store.
+/// Checks that the values of all objects fit into the stack's store.
 pub(super) fn stored(draft: &Draft<'_>) -> Result<(), FileError> {
     let entries = draft.objects.iter().flat_map(|object| &object.entries);
     let stored: u32 = entries.map(|entry| u32::from(entry.bits.div_ceil(8))).sum();
@@ -206,7 +206,7 @@ pub(super) fn stored(draft: &Draft<'_>) -> Result<(), FileError> {
     Ok(())
 }
 
-/// Objects are read by CoE.
+/// Checks that a device with objects has CoE to read them.
 fn unreadable(draft: &Draft<'_>) -> Result<(), FileError> {
     let Some(object) = draft.objects.first().filter(|_| !draft.speaks_coe()) else { return Ok(()) };
     let (without, expected) = match draft.mailbox {
@@ -220,7 +220,7 @@ fn unreadable(draft: &Draft<'_>) -> Result<(), FileError> {
     Err(draft.source.error(object.at, message))
 }
 
-/// A device without mailbox has one length of each direction.
+/// Checks that a device without mailbox has one length for each direction.
 fn without_mailbox(draft: &Draft<'_>) -> Result<(), FileError> {
     for (area, name) in [(&draft.outputs, "outputs"), (&draft.inputs, "inputs")] {
         let Some(area) = area else { continue };
@@ -243,7 +243,7 @@ fn without_mailbox(draft: &Draft<'_>) -> Result<(), FileError> {
     }
 }
 
-/// What is assigned is defined, fits into the slots and into the area.
+/// Checks that the assigned PDOs are defined, and fit into the slots and into the area.
 fn assignment(draft: &Draft<'_>, area: &Area, name: &str) -> Result<(), FileError> {
     for (position, pdo) in area.pdos.iter().enumerate() {
         if draft.speaks_coe() && !MAPPING_OBJECTS.contains(&pdo.index) {
@@ -328,7 +328,8 @@ fn assignment(draft: &Draft<'_>, area: &Area, name: &str) -> Result<(), FileErro
     Ok(())
 }
 
-/// What a PDO maps is in the dictionary, as long as there, and may be mapped in this direction.
+/// Checks that mapped entries are in the dictionary, have the mapped length, and may be mapped in
+/// this direction.
 fn mapping(draft: &Draft<'_>, area: &Area, direction: Access) -> Result<(), FileError> {
     for entry in area.pdos.iter().flat_map(|pdo| &pdo.entries) {
         let Some(address) = entry.object else { continue };
@@ -363,7 +364,7 @@ fn mapping(draft: &Draft<'_>, area: &Area, direction: Access) -> Result<(), File
     Ok(())
 }
 
-/// Entries ascend, begin with sub-index 0 and do not overlap in complete access.
+/// Checks that entries ascend, begin with sub-index 0 and do not overlap in complete access.
 fn entries(draft: &Draft<'_>, object: &Object) -> Result<(), FileError> {
     let address = |entry: &Entry| ObjectAddress::new(object.index, entry.sub);
     let Some(first) = object.entries.first() else {
@@ -426,14 +427,14 @@ fn entries(draft: &Draft<'_>, object: &Object) -> Result<(), FileError> {
 
 /// The synchronization type at power-on.
 struct Preset {
-    /// Where it stands.
+    /// Place in the file.
     at: usize,
     sync_type: SyncType,
-    /// Sub-index 04 announces it.
+    /// Whether sub-index 04 announces it.
     announced: bool,
 }
 
-/// The type at power-on of 0x1C32 or 0x1C33; `None` if nobody knows it: that contradicts nothing.
+/// The type at power-on of 0x1C32 or 0x1C33; `None` if it is not known: that contradicts nothing.
 fn preset(draft: &Draft<'_>, object: &Object) -> Option<Preset> {
     let types = SupportedTypes(draft.value(object.index, object::sub::SUPPORTED_TYPES)? as u16);
     let entry = object.entries.iter().find(|entry| entry.sub == object::sub::SYNC_TYPE)?;
@@ -458,7 +459,7 @@ pub(super) fn presets_an_unannounced_type(draft: &Draft<'_>, object: &Object) ->
     preset(draft, object).is_some_and(|preset| !preset.announced)
 }
 
-/// The type at power-on and the shift agree with what sub-index 04 announces.
+/// Checks that the type at power-on and the shift agree with the announcement of sub-index 04.
 fn synchronization(draft: &Draft<'_>, object: &Object) -> Result<(), FileError> {
     let find = |sub| object.entries.iter().find(|entry| entry.sub == sub);
     let value = |sub| draft.value(object.index, sub);
@@ -530,7 +531,7 @@ fn synchronization(draft: &Draft<'_>, object: &Object) -> Result<(), FileError> 
     Ok(())
 }
 
-/// Only pulses that do not end by themselves are acknowledged.
+/// Checks that only pulses without an end of their own are acknowledged.
 fn acknowledge(draft: &Draft<'_>) -> Result<(), FileError> {
     let (time, pulse) = (draft.times.acknowledge, draft.esc.pulse);
     if time.is_some() && pulse > Nanos::ZERO {
@@ -545,7 +546,7 @@ fn acknowledge(draft: &Draft<'_>) -> Result<(), FileError> {
     Ok(())
 }
 
-/// A drive has the objects that its application works with, at whole bytes.
+/// Checks that a drive has the objects of its application, at whole bytes.
 fn application(draft: &Draft<'_>) -> Result<(), FileError> {
     if draft.application != ApplicationKind::Drive
         || drive::layout(&draft.outputs, &draft.inputs).is_some()
@@ -585,7 +586,8 @@ fn application(draft: &Draft<'_>) -> Result<(), FileError> {
     Ok(())
 }
 
-/// The shortest cycle stated is below the longest one accepted and leaves time for the CPU's work.
+/// Checks that the minimum cycle is below the longest accepted one and leaves time for the CPU's
+/// work.
 fn cycle(draft: &Draft<'_>) -> Result<(), FileError> {
     let entry = ObjectAddress::new(object::OUTPUT_PARAMETER, object::sub::MINIMUM_CYCLE_TIME);
     let minimum = draft.value(entry.index, entry.sub).unwrap_or(0) as i64;
@@ -629,13 +631,13 @@ impl Area {
         self.pdos.iter().find(|pdo| pdo.index == index)
     }
 
-    /// Bits of a list of PDOs.
+    /// Total number of bits of these PDOs.
     pub(super) fn bits(&self, list: &[Placed<u16>]) -> u32 {
         list.iter().filter_map(|pdo| self.pdo(pdo.value)).map(super::draft::Pdo::bits).sum()
     }
 }
 
-/// Objects of PDO mapping, of both directions: makers do not keep them apart.
+/// Objects of PDO mapping, for both directions: makers do not separate them.
 const MAPPING_OBJECTS: RangeInclusive<u16> = 0x1600..=0x1BFF;
 
 /// Registers that drive the digital outputs of an ESC.

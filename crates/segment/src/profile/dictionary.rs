@@ -1,4 +1,5 @@
-//! The object dictionary: objects that follow from short fields, then the static form of all.
+//! The object dictionary: first the objects that follow from short fields, then the static form of
+//! all.
 
 use isocat_descriptions::document::FileError;
 use isocat_subdevice::description::{Behaviour, Measured, Preset, ProcessDataArea};
@@ -16,11 +17,11 @@ use super::{
     ApplicationKind, Assignment, Assumption, CpuTimes, Origin, Profile, rows, sii, unknown,
 };
 
-/// Adds the objects that every device has or that follow from other parts of the file. An object that
-/// the file writes out itself stays as it is.
+/// Adds the objects that every device has or that follow from other parts of the file. An object in
+/// the file stays unchanged.
 pub(super) fn complete(draft: &mut Draft<'_>) {
     if !draft.speaks_coe() {
-        // Nobody could read them.
+        // Without CoE they could not be read.
         return;
     }
     let at = 0;
@@ -96,7 +97,8 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
     }
 }
 
-/// Gives one entry of 32 bits another time at power-on; `None` if there is none, or no room for another preset.
+/// Sets the power-on value of a 32-bit entry to another time; `None` if there is no such entry, or
+/// the presets are full.
 pub(super) fn preset(
     description: &mut Description,
     address: ObjectAddress,
@@ -142,7 +144,7 @@ impl Draft<'_> {
             acknowledge: self.times.acknowledge.unwrap_or(Nanos::ZERO),
             unevenness: self.times.unevenness,
         };
-        // Only now: what the CPU needs follows what the file states.
+        // This comes last, since the CPU's times follow the values of the file.
         if self.dynamic_times {
             self.state_no_times();
         }
@@ -155,7 +157,7 @@ impl Draft<'_> {
             Some(Area { sync_manager, start, length, .. }) => {
                 ProcessDataArea { sync_manager: *sync_manager, start: *start, max_length: *length }
             }
-            // One that the other direction does not have.
+            // A number that the other direction does not use.
             None => {
                 let taken = other.as_ref().is_some_and(|other| other.sync_manager == usual);
                 let sync_manager = if taken { usual ^ 1 } else { usual };
@@ -220,7 +222,7 @@ impl Draft<'_> {
         })
     }
 
-    /// Dynamic times are announced, and those of the sync objects read 0 until they are measured.
+    /// Announces dynamic times, and sets those of the sync objects to 0 until they are measured.
     fn state_no_times(&mut self) {
         let parameters = [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER];
         let measured = [
@@ -255,7 +257,7 @@ impl Draft<'_> {
         Some(u64::from_le_bytes(bytes))
     }
 
-    /// `[[assumed]]` with the values filled in from where they stand.
+    /// The items of `[[assumed]]`, with the values from the file.
     fn assumptions(&self) -> Result<Vec<Assumption>, FileError> {
         let finish = |assumed: &draft::Assumed| {
             let (item, value) = match &assumed.item.value {
@@ -300,7 +302,8 @@ impl Draft<'_> {
         self.assumed.iter().map(finish).collect()
     }
 
-    /// What a PDO maps, or how many entries another object has; empty if there is no such object.
+    /// The mapping of a PDO, or the number of entries of another object; empty if there is no such
+    /// object.
     fn object_in_words(&self, index: u16) -> String {
         let areas = self.outputs.iter().chain(&self.inputs);
         if let Some(pdo) = areas.flat_map(|area| &area.pdos).find(|pdo| pdo.index == index) {
@@ -319,7 +322,7 @@ impl Draft<'_> {
     }
 }
 
-/// The static form of all objects, with a place in the value store for every entry.
+/// The static form of all objects, with an offset in the value store for every entry.
 fn store(objects: &[draft::Object]) -> &'static [Object] {
     let mut at = 0;
     let mut place = |entry: &draft::Entry| {
@@ -386,7 +389,7 @@ fn add_missing(
     }
 }
 
-/// 0x1C12 or 0x1C13.
+/// The object 0x1C12 or 0x1C13.
 fn assignment(area: &Area, index: u16, name: &str) -> draft::Object {
     let mut group = Group::new(area.at, index, name, ObjectCode::ARRAY, DataType::UNSIGNED16);
     for slot in 0..area.slots {
@@ -395,11 +398,11 @@ fn assignment(area: &Area, index: u16, name: &str) -> draft::Object {
         let row = row(slot + 1, &name, DataType::UNSIGNED16, area.access);
         group = group.entry(row, pdo.to_le_bytes().to_vec());
     }
-    // More PDOs than slots are refused by `check`.
+    // `check` refuses more PDOs than slots.
     group.finish(area.access, area.default.len().min(255) as u8)
 }
 
-/// A PDO's mapping object. Its contents are fixed.
+/// A PDO's mapping object. It is read only.
 fn mapping(pdo: &Pdo) -> draft::Object {
     let (code, kind) = (ObjectCode::RECORD, DataType::PDO_MAPPING);
     let mut group = Group::new(pdo.at, pdo.index, &pdo.name, code, kind);
@@ -487,7 +490,7 @@ fn entry(
     }
 }
 
-/// An ARRAY or RECORD in the making; sub-index 0 comes with [`Group::finish`].
+/// An ARRAY or RECORD under construction; [`Group::finish`] adds sub-index 0.
 struct Group {
     object: draft::Object,
 }
@@ -532,7 +535,7 @@ impl Group {
     }
 }
 
-/// The type of an object of a CiA 402 drive, if it has so many bits.
+/// The type of an object of a CiA 402 drive, if it has this number of bits.
 pub(super) fn drive_type(index: u16, bits: u8) -> Option<DataType> {
     let (_, _, data_type, ..) = DRIVE.iter().find(|(known, ..)| *known == index)?;
     Some(*data_type).filter(|kind| kind.bits() == Some(bits.into()))

@@ -1,5 +1,5 @@
-//! A profile between its file and its finished form: every value typed and in range, with the place it
-//! came from.
+//! A profile between its file and its finished form: every value is typed and in range, with its
+//! place in the file.
 
 use isocat_descriptions::document::Source;
 use isocat_descriptions::quantity::Ppb;
@@ -16,7 +16,7 @@ use isocat_wire::time::Nanos;
 
 use super::{ApplicationKind, Deviation, Identity, OpMode, Startup, StartupParameter};
 
-/// A profile as its file gives it, with generated objects added by `dictionary`.
+/// A profile as read from its file, with the objects that `dictionary` generates.
 #[derive(Clone, Debug)]
 pub(super) struct Draft<'a> {
     pub source: Source<'a>,
@@ -29,11 +29,11 @@ pub(super) struct Draft<'a> {
     pub hardware_version: String,
     pub software_version: String,
     pub esc: Esc,
-    /// None: no object dictionary either.
+    /// `None`: there is no object dictionary either.
     pub mailbox: Option<Placed<Mailbox>>,
     /// Protocols of the mailbox, word 0x1C of the SII.
     pub protocols: u16,
-    /// What a device without mailbox works by.
+    /// Modes of a device without mailbox.
     pub modes: Option<Placed<SupportedTypes>>,
     pub outputs: Option<Area>,
     pub inputs: Option<Area>,
@@ -45,37 +45,37 @@ pub(super) struct Draft<'a> {
     pub parameters: Vec<StartupParameter>,
     pub times: Times,
     pub behaviour: Placed<Behaviour>,
-    /// It states none of its times before it has measured them.
+    /// Whether it states none of its times before it has measured them.
     pub dynamic_times: bool,
     pub assumed: Vec<Assumed>,
     pub deviations: Vec<Deviation>,
-    /// What an imported description says about the EEPROM; a profile's follows from the rest.
+    /// The EEPROM of an imported description; that of a profile follows from the rest.
     pub eeprom: Option<Eeprom>,
 }
 
-/// The EEPROM of an imported device, where it says more than a profile.
+/// The EEPROM of an imported device, as far as it has more than a profile.
 #[derive(Clone, Debug)]
 pub(super) struct Eeprom {
     /// Words 0 to 6.
     pub configuration: [u8; 14],
     /// Mailboxes in BOOT.
     pub boot: (MailboxArea, MailboxArea),
-    /// What its CoE can do, byte 5 of the general category.
+    /// CoE services, byte 5 of the general category.
     pub coe_details: u8,
-    /// Kind of each port, four bits each.
+    /// Kind of each port, four bits per port.
     pub ports: u16,
     /// Use of each FMMU.
     pub fmmus: Vec<u8>,
     pub sync_managers: Vec<SmRecord>,
     /// Each OpMode: name, description, record.
     pub op_modes: Vec<(String, String, [u8; 24])>,
-    /// Order number: the type.
+    /// Order number: the device type.
     pub order: String,
-    /// Least bytes of the memory.
+    /// Least size of the EEPROM in bytes.
     pub size: usize,
 }
 
-/// A value and the byte of the file it stands at.
+/// A value and its byte offset in the file.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Placed<T> {
     pub at: usize,
@@ -104,9 +104,9 @@ pub(super) struct Area {
     pub slots: u8,
     pub default: Vec<Placed<u16>>,
     pub recommended: Vec<Placed<u16>>,
-    /// All that can be assigned, and those of `further`.
+    /// All PDOs that can be assigned, and those of `further`.
     pub pdos: Vec<Pdo>,
-    /// SyncManagers behind this one, in the order of the process image.
+    /// SyncManagers after this one, in the order of the process image.
     pub further: Vec<Share>,
 }
 
@@ -117,18 +117,18 @@ pub(super) struct Share {
     pub sync_manager: u8,
     pub start: u16,
     pub length: u16,
-    /// The PDOs in it.
+    /// Its PDOs.
     pub pdos: Vec<u16>,
 }
 
 impl Area {
-    /// Where its bytes lie: place in the file, first byte, and how many of each buffer.
+    /// Its parts: place in the file, first byte, and bytes of each buffer.
     pub fn places(&self) -> impl Iterator<Item = (usize, u16, u16)> + '_ {
         let further = self.further.iter().map(|share| (share.at, share.start, share.length));
         std::iter::once((self.at, self.start, self.length)).chain(further)
     }
 
-    /// The SyncManager that a PDO is assigned to by default.
+    /// The SyncManager to which a PDO is assigned by default.
     pub fn sync_manager_of(&self, pdo: u16) -> Option<u8> {
         if self.default.iter().any(|assigned| assigned.value == pdo) {
             return Some(self.sync_manager);
@@ -138,7 +138,8 @@ impl Area {
     }
 }
 
-/// Buffers of a process data SyncManager: three, but a single byte needs no handshake, and registers are there once.
+/// Number of buffers of a process data SyncManager: three, but one for a single byte, which needs
+/// no handshake, and for registers.
 pub(super) fn buffers(start: u16, length: u16) -> u32 {
     if length == 1 || start < register::PROCESS_RAM { 1 } else { 3 }
 }
@@ -178,7 +179,7 @@ pub(super) struct Object {
     pub code: ObjectCode,
     pub data_type: DataType,
     pub entries: Vec<Entry>,
-    /// Why the object says what can't be true together: its maker has published it so.
+    /// Why the object contradicts itself: its maker has published it that way.
     pub contradiction: Option<String>,
 }
 
@@ -193,11 +194,11 @@ pub(super) struct Entry {
     pub offset: u32,
     pub access: Access,
     pub default: Vec<u8>,
-    /// The value as the file writes it.
+    /// The value as written in the file.
     pub written: String,
 }
 
-/// `[times]`; what is not given follows the objects.
+/// `[times]`; missing values follow the objects.
 #[derive(Clone, Debug)]
 pub(super) struct Times {
     pub at: usize,
@@ -211,14 +212,14 @@ pub(super) struct Times {
 }
 
 impl Draft<'_> {
-    /// Its objects can be read and written.
+    /// Whether its objects can be read and written by CoE.
     pub fn speaks_coe(&self) -> bool {
         self.mailbox.is_some() && self.protocols & Header::COE != 0
     }
 }
 
 impl Times {
-    /// Those of a device without a program.
+    /// The times of a device without a program.
     pub fn none(at: usize) -> Self {
         Self {
             at,
@@ -240,7 +241,7 @@ pub(super) struct Assumed {
     pub why: String,
 }
 
-/// What is assumed.
+/// The assumed item.
 #[derive(Clone, Debug)]
 pub(super) enum Item {
     /// Entries of the dictionary, from one sub-index to another, or one property of them.
@@ -251,13 +252,13 @@ pub(super) enum Item {
     Key(String, String),
 }
 
-/// Which property of an entry is assumed.
+/// The property of an entry that is assumed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Property {
     /// Its value.
     Value,
-    /// Who may read and write it.
+    /// Its access rights.
     Access,
-    /// Where complete access has it.
+    /// Its offset in complete access.
     Offset,
 }

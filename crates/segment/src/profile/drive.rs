@@ -1,10 +1,10 @@
-//! Where a drive has its process data.
+//! Layout of a drive's process data.
 
 use super::draft::Area;
 use super::{ApplicationKind, DriveLayout};
 
-/// The layout of a drive, if it has control and status word, target and actual position at whole
-/// bytes.
+/// The layout of a drive, if control word, status word, target position and actual position are at
+/// whole bytes.
 pub(super) fn layout(outputs: &Option<Area>, inputs: &Option<Area>) -> Option<DriveLayout> {
     Some(DriveLayout {
         control: byte_of(outputs, 0x6040, 16)?,
@@ -16,7 +16,7 @@ pub(super) fn layout(outputs: &Option<Area>, inputs: &Option<Area>) -> Option<Dr
     })
 }
 
-/// A drive of a profile, by where its PDOs have its objects: the usual layout needs no words.
+/// A drive of a profile, with the layout of its PDOs.
 pub(super) fn of_profile(outputs: &Option<Area>, inputs: &Option<Area>) -> ApplicationKind {
     const USUAL: DriveLayout = DriveLayout {
         control: 0,
@@ -32,12 +32,12 @@ pub(super) fn of_profile(outputs: &Option<Area>, inputs: &Option<Area>) -> Appli
     }
 }
 
-/// Whether an area has an object of so many bits at a whole byte.
+/// Whether an area has an object with this number of bits at a whole byte.
 pub(super) fn has(area: &Option<Area>, (index, bits): (u16, u8)) -> bool {
     byte_of(area, index, bits).is_some()
 }
 
-/// The byte at which the recommended PDOs have an object of so many bits.
+/// The byte at which the recommended PDOs have an object with this number of bits.
 fn byte_of(area: &Option<Area>, index: u16, bits: u8) -> Option<u8> {
     let area = area.as_ref()?;
     let assigned =

@@ -1,8 +1,9 @@
-//! Virtual SubDevices from descriptions of makers.
+//! Virtual SubDevices from ESI files.
 //!
-//! A device of an [`EsiFile`] in one of its OpModes becomes the same draft that a profile file becomes, so that
-//! stack and simulator need not know where a device came from. What the description leaves open is filled in
-//! and listed in [`Profile::assumptions`]; what the virtual device can't do is an [`Obstacle`], by name.
+//! A device of an [`EsiFile`] in one of its OpModes becomes the same draft as a profile file, so
+//! that stack and simulator do not depend on the source of a device. Values that the description
+//! does not state are filled in and listed in [`Profile::assumptions`]; a property that the virtual
+//! device does not support is an [`Obstacle`].
 
 use std::collections::HashMap;
 use std::fmt;
@@ -36,12 +37,12 @@ mod startup;
 
 pub use op_mode::{Doubt, RunAs};
 
-/// Why a device of a description can't be a virtual SubDevice.
+/// Why a device of a description cannot be a virtual SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Obstacle {
     /// It has no product code.
     Placeholder,
-    /// Process data of one direction are in more SyncManagers than the stack takes.
+    /// Process data of one direction are in more SyncManagers than the stack supports.
     SeveralSyncManagers,
     /// A direction has more process data than the stack's buffers.
     ProcessDataTooLong,
@@ -53,7 +54,7 @@ pub enum Obstacle {
     MailboxArea,
     /// Areas in the memory of the ESC overlap.
     MemoryOverlap,
-    /// The dictionary or the EEPROM have no room for all of it.
+    /// The device does not fit into the dictionary or the EEPROM.
     TooLarge,
     /// The pulses of an OpMode do not fit the bus cycle, or the ESC's step of 10 ns.
     Sync0Cycle,
@@ -62,7 +63,7 @@ pub enum Obstacle {
 }
 
 impl Obstacle {
-    /// The name, in words joined by dashes.
+    /// The name, as words joined by dashes.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Placeholder => "placeholder",
@@ -79,12 +80,12 @@ impl Obstacle {
     }
 }
 
-/// An obstacle and where the description has it.
+/// An obstacle and its place in the description.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct NotSimulated {
-    /// Which.
+    /// The obstacle.
     pub obstacle: Obstacle,
-    /// Place and words.
+    /// Place and message.
     pub error: FileError,
 }
 
@@ -97,9 +98,9 @@ impl fmt::Display for NotSimulated {
 impl std::error::Error for NotSimulated {}
 
 impl Profile {
-    /// The virtual SubDevice of a device in one of its OpModes, by its number; `None` for a device without.
-    /// A device with slots has its default modules, unless it comes from [`EsiFile::fitted`].
-    /// Equal devices of equal texts give the same profile.
+    /// The virtual SubDevice of a device in one of its OpModes, by number; `None` for a device
+    /// without OpModes. A device with slots has its default modules, unless it comes from
+    /// [`EsiFile::fitted`]. Equal devices of equal texts give the same profile.
     pub fn from_esi(
         file: &EsiFile,
         device: &EsiDevice,
@@ -122,10 +123,9 @@ impl Profile {
 }
 
 impl ProfileText {
-    /// The profile file of a device in one of its OpModes, by its number; `None` for a device
-    /// without. The file has all OpModes; the chosen one tells which PDOs are assigned, and that
-    /// its mode is announced. A device with slots has its default modules. `made_of` says where it
-    /// comes from.
+    /// The profile file of a device in one of its OpModes, by number; `None` for a device without
+    /// OpModes. The file has all OpModes; the chosen one determines the assigned PDOs and the
+    /// announced mode. A device with slots has its default modules. `made_of` names the source.
     pub fn from_esi(
         file: &EsiFile,
         device: &EsiDevice,
@@ -144,7 +144,7 @@ struct Import<'f> {
     file: &'f EsiFile,
     device: &'f EsiDevice,
     mode: Option<&'f EsiOpMode>,
-    /// The ESC answers AL control by itself, and there is no program.
+    /// Whether the ESC answers AL control by itself, so that there is no program.
     emulated: bool,
     assumed: Vec<Assumed>,
     doubts: Vec<Doubt>,
@@ -300,7 +300,8 @@ impl<'f> Import<'f> {
         Ok(Some(Placed { at, value: Mailbox { receive, send, speaks: Speaks::COE } }))
     }
 
-    /// The area of a direction: the one SyncManager that has PDOs, and all PDOs that could be assigned to it.
+    /// The area of a direction: the SyncManager that has PDOs, and all PDOs that could be assigned
+    /// to it.
     fn area(
         &mut self,
         direction: Direction,
@@ -399,7 +400,8 @@ impl<'f> Import<'f> {
         }))
     }
 
-    /// Process data lie in the process RAM, or are the registers that drive digital outputs.
+    /// Checks that process data are in the process RAM, or in the registers that drive digital
+    /// outputs.
     fn check_place(
         &self,
         direction: Direction,
@@ -426,7 +428,8 @@ impl<'f> Import<'f> {
         Err(self.stopped(Obstacle::ProcessDataInRegisters, sm.at, message))
     }
 
-    /// Whether there is no program behind the ESC: ConfigData says so, or outputs are registers.
+    /// Whether there is no program behind the ESC: ConfigData states it, or the outputs are
+    /// registers.
     fn has_emulation(&self, areas: [&Option<Area>; 2]) -> bool {
         let words = self.device.eeprom.as_ref().and_then(|eeprom| eeprom.configuration);
         let mut places = areas.into_iter().flatten().flat_map(Area::places);
@@ -466,7 +469,7 @@ impl<'f> Import<'f> {
         Ok(Pdo { at: pdo.at, index: pdo.index, name, entries })
     }
 
-    /// What a device without mailbox works by: its OpModes are all that tells.
+    /// Modes of a device without mailbox: they follow from its OpModes.
     fn modes(&self) -> SupportedTypes {
         let mut types = FREE_RUN_AND_SM;
         for mode in self.device.op_modes() {
@@ -480,8 +483,8 @@ impl<'f> Import<'f> {
         SupportedTypes(types)
     }
 
-    /// How it behaves where descriptions say nothing. Among that is its own deadline on the way to
-    /// OP: `SafeopOpTimeout` says how long a MainDevice waits, which is another matter.
+    /// The behaviour that descriptions do not state. It includes the device's own deadline on the
+    /// way to OP; `SafeopOpTimeout` is the wait of a MainDevice, which is different.
     fn behaviour(&mut self) -> Behaviour {
         let why = "no description states the device's own deadline; the usual one";
         self.assume("safeop_to_op_timeout", "9s", why);
@@ -499,7 +502,7 @@ impl<'f> Import<'f> {
         }
     }
 
-    /// What the CPU needs. Where the dictionary states a time it is that one.
+    /// The CPU's times. If the dictionary states a time, it is used.
     fn times(&mut self, objects: &[super::draft::Object]) -> Times {
         let stated = |index, sub| {
             let object = objects.iter().find(|object| object.index == index)?;
@@ -583,8 +586,8 @@ impl<'f> Import<'f> {
     }
 }
 
-/// Three buffers of the most that a file allows often reach into the next area: an area is as long as there is
-/// room before that, and never shorter than what it has by default.
+/// Shortens an area whose three buffers of maximum length would reach into the next area, but not
+/// below its default length.
 fn shorten(area: &mut Option<Area>, other: &Option<Area>, mailbox: Option<Mailbox>) {
     let Some(area) = area else { return };
     let mailboxes = mailbox.iter().flat_map(|mailbox| [mailbox.receive.start, mailbox.send.start]);
@@ -627,7 +630,7 @@ fn bytes_of(pdos: &[EsiPdo]) -> usize {
     pdos.iter().map(EsiPdo::bits).sum::<u32>().div_ceil(8) as usize
 }
 
-/// Sub-indices of a mapping object.
+/// Largest number of sub-indices of a mapping object.
 const MOST_ENTRIES: usize = 254;
 /// Bits of 0x1C32:04.
 const FREE_RUN_AND_SM: u16 = 0x0003;

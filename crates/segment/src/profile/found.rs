@@ -1,4 +1,4 @@
-//! A profile of a device that a scan has found: what the wire tells of it.
+//! A profile of a device that a scan has found, from what the wire shows of it.
 
 use isocat_descriptions::document::{FileError, Source};
 use isocat_esc::chip::Chip;
@@ -17,7 +17,7 @@ use super::{ApplicationKind, Identity, OpMode, dictionary, drive, keys, ports, r
 /// A device as a scan reports it.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Found {
-    /// What segment files are to call it; its order number as a rule.
+    /// Its id in segment files; usually its order number.
     pub id: String,
     /// Name of the product, from the SII.
     pub name: String,
@@ -25,11 +25,11 @@ pub struct Found {
     pub identity: Option<Identity>,
     /// Kind of its ESC: register 0x0000.
     pub esc_kind: u8,
-    /// Its clock has 32 bits.
+    /// Whether its clock has 32 bits.
     pub narrow_clock: bool,
     /// Process RAM of the ESC, KiB: register 0x0006.
     pub ram_kib: u8,
-    /// Letters of its ports, as `Physics` of an ESI has them.
+    /// Letters of its ports, as in `Physics` of an ESI file.
     pub ports: String,
     /// Bit 2 of register 0x0141.
     pub sync_unit: bool,
@@ -65,7 +65,7 @@ pub struct FoundArea {
     pub start: u16,
     /// Bytes.
     pub length: u16,
-    /// Assigned PDOs: index, and what each maps: index and sub-index (0 for padding) and bits.
+    /// Assigned PDOs: index, and mapped entries with index and sub-index (0 for padding) and bits.
     pub pdos: Vec<(u16, Vec<(ObjectAddress, u8)>)>,
 }
 
@@ -74,14 +74,14 @@ pub struct FoundArea {
 pub struct FoundEntry {
     /// Sub-index.
     pub sub: u8,
-    /// What it read; `None` if it could not be read.
+    /// The value; `None` if it could not be read.
     pub value: Option<u32>,
     /// Whether it can be written in PREOP; `None` if the device has no SDO information.
     pub writable: Option<bool>,
 }
 
 impl ProfileText {
-    /// The profile file of a device that was found; `path` names in errors what it was found in.
+    /// The profile file of a found device; `path` names its source in errors.
     pub fn from_found(found: &Found, path: &str) -> Result<Self, FileError> {
         let source = Source { path, text: "" };
         let Some(identity) = found.identity else {
@@ -167,7 +167,7 @@ impl ProfileText {
     }
 }
 
-/// The chip of this name, else the usual one, with the memory and the ports that were read.
+/// The chip of this kind, or else the usual one, with the memory and the ports that were read.
 fn chip(found: &Found, notes: &mut Vec<String>) -> (&'static str, Chip) {
     let chips = || keys::CHIPS.iter().map(|(.., chip)| *chip);
     let as_wide = |chip: &Chip| chip.counts_64_bit() != found.narrow_clock;
@@ -196,7 +196,7 @@ fn is_emulated(found: &Found) -> bool {
     found.device_emulation && found.mailbox.is_none()
 }
 
-/// Whether nothing that was read says by what the device can be synchronized.
+/// Whether no reading states the synchronization modes of the device.
 fn objects_lack_sync(draft: &Draft<'_>) -> bool {
     !draft.objects.iter().any(|object| object.index == object::OUTPUT_PARAMETER)
 }
@@ -247,7 +247,7 @@ fn pdo(index: u16, entries: &[(ObjectAddress, u8)]) -> Pdo {
     Pdo { at: 0, index, name: format!("PDO 0x{index:04X}"), entries: all }
 }
 
-/// A number of so many bits; whether it has a sign is not to be seen.
+/// The type of a number with this many bits; the sign is not known.
 fn by_bits(bits: u8) -> DataType {
     match bits {
         1 => DataType::BOOLEAN,
@@ -266,13 +266,13 @@ fn by_bits(bits: u8) -> DataType {
     }
 }
 
-/// 0x1C32 or 0x1C33, with the types that ETG.1020 has.
+/// 0x1C32 or 0x1C33, with the types of ETG.1020.
 fn sync_object(index: u16, found: &[FoundEntry]) -> Object {
     let mut entries: Vec<Entry> = Vec::new();
     let highest = found.iter().map(|entry| entry.sub).max().unwrap_or(0);
     let count = FoundEntry { sub: 0, value: Some(highest.into()), writable: Some(false) };
     let missing = found.iter().all(|entry| entry.sub != 0 || entry.value.is_none());
-    // Sub-indices that ETG.1020 does not have and that can't be read are gaps.
+    // Sub-indices that are not in ETG.1020 and cannot be read are gaps.
     let is_there = |entry: &&FoundEntry| entry.value.is_some() || object::name(entry.sub).is_some();
     let rest = found.iter().filter(|entry| entry.sub != 0 || !missing).filter(is_there);
     for entry in missing.then_some(&count).into_iter().chain(rest) {
@@ -280,13 +280,13 @@ fn sync_object(index: u16, found: &[FoundEntry]) -> Object {
         let bits = data_type.bits().unwrap_or(32);
         let bytes = |value: u32| value.to_le_bytes()[..usize::from(bits.div_ceil(8))].to_vec();
         let default = entry.value.map_or(Vec::new(), bytes);
-        // What is measured on command is commanded in OP.
+        // The command to measure is written in OP.
         let access = match (is_writable(entry), entry.sub) {
             (true, object::sub::GET_CYCLE_TIME) => Access::READ.with(Access::WRITE),
             (true, _) => Access::READ.with(Access::WRITE_PREOP),
             (false, _) => Access::READ,
         };
-        // Sub-indices of the device's own may reach to where ETG.1020 has the next one.
+        // The device's own sub-indices may reach into the place of the next one of ETG.1020.
         let free = entries.last().map_or(0, |last| match last.sub {
             0 => 16,
             _ => last.offset + u32::from(last.bits),
@@ -323,8 +323,7 @@ fn sync_object(index: u16, found: &[FoundEntry]) -> Object {
     }
 }
 
-/// The type of an entry by ETG.1020; one that has room for its value, where a device has it
-/// otherwise.
+/// The type of an entry by ETG.1020; if the value does not fit, one that is large enough.
 fn data_type(entry: &FoundEntry) -> DataType {
     let usual = match entry.sub {
         0 => DataType::UNSIGNED8,
@@ -333,7 +332,7 @@ fn data_type(entry: &FoundEntry) -> DataType {
         | object::sub::GET_CYCLE_TIME
         | object::sub::SM_EVENT_MISSED..=object::sub::TOGGLE_FAILED => DataType::UNSIGNED16,
         object::sub::SYNC_ERROR => DataType::BOOLEAN,
-        // What ETG.1020 does not have is short as a rule.
+        // Sub-indices that are not in ETG.1020 are usually short.
         sub if object::name(sub).is_none() => DataType::UNSIGNED8,
         _ => DataType::UNSIGNED32,
     };
@@ -344,13 +343,13 @@ fn data_type(entry: &FoundEntry) -> DataType {
     }
 }
 
-/// Whether an entry can be written; without SDO information those that a MainDevice writes.
+/// Whether an entry can be written; without SDO information, those that a MainDevice writes.
 fn is_writable(entry: &FoundEntry) -> bool {
     let usual = matches!(entry.sub, object::sub::SYNC_TYPE | object::sub::CYCLE_TIME);
     entry.writable.unwrap_or(usual)
 }
 
-/// What it states its CPU needs; what it does not state is short against usual cycles.
+/// The stated times of its CPU; a time that is not stated is short compared with usual cycles.
 fn times(found: &Found) -> Times {
     if is_emulated(found) {
         return Times::none(0);
@@ -365,14 +364,14 @@ fn times(found: &Found) -> Times {
     }
 }
 
-/// Sub-index 06 of 0x1C32 or 0x1C33, where it says something.
+/// Sub-index 06 of 0x1C32 or 0x1C33, if it is stated.
 fn stated(found: &Found, index: u16) -> Option<Nanos> {
     let (_, entries) = found.sync.iter().find(|(found, _)| *found == index)?;
     let entry = entries.iter().find(|entry| entry.sub == object::sub::CALC_AND_COPY_TIME)?;
     Some(Nanos::from_u32(entry.value?)).filter(|time| *time > Nanos::ZERO)
 }
 
-/// What the wire does not tell.
+/// Lists what the wire does not show.
 fn assume(draft: &mut Draft<'_>, found: &Found) {
     let mut assume = |item: &str, why: &str| {
         let item = Placed { at: 0, value: Item::Key(item.to_owned(), String::new()) };
@@ -411,7 +410,7 @@ fn assume(draft: &mut Draft<'_>, found: &Found) {
     assume("identity.device_type", "a scan does not read 0x1000");
 }
 
-/// What a CPU needs for a step that it does not state.
+/// CPU time for a step that is not stated.
 const SHORT: Nanos = Nanos::micros(10);
-/// Length of SYNC pulses where nothing tells.
+/// Length of SYNC pulses if it is not known.
 const USUAL_PULSE: Nanos = Nanos::micros(10);

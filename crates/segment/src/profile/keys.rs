@@ -1,8 +1,7 @@
-//! Every key of a profile, declared: name, values, what holds without it, what it does, where it
-//! goes.
+//! Every key of a profile, declared: name, values, default, effect and destination.
 //!
-//! The parser reads by these tables, and `isocat explain`, `docs/profile.md` and
-//! `docs/profile.schema.json` are made of them. A new key is added here and read in `parse.rs` or
+//! The parser uses these tables, and `isocat explain`, `docs/profile.md` and
+//! `docs/profile.schema.json` are made from them. A new key is added here and read in `parse.rs` or
 //! `rows.rs`; a test refuses a key that has only one of both.
 
 mod cpu;
@@ -444,7 +443,7 @@ static MAILBOX_AREA: Section = Section {
         },
         Key {
             name: "length",
-            // Two headers, an SDO of 8 bytes and room to segment; what the stack can hold.
+            // Two headers, an SDO of 8 bytes and space to segment; the limit is that of the stack.
             kind: Kind::Integer { least: 32, most: MAX_MAILBOX as i64 },
             need: Need::Required("bytes"),
             means: "Its length in bytes.",
@@ -529,7 +528,7 @@ const SHIFT: Kind = Kind::duration(Nanos(i32::MIN as i64), Nanos(i32::MAX as i64
 const WORD: Kind = Kind::Hex { least: 0, most: u16::MAX as i64 };
 const FACTOR: Kind = Kind::Integer { least: i16::MIN as i64, most: i16::MAX as i64 };
 
-/// A choice in short.
+/// The short form of an OpMode.
 pub(super) static OP_MODE_ROW: Row = Row {
     expected: "[name, description, assign_activate, sync0, sync1]",
     cells: &[
@@ -608,7 +607,7 @@ static DEVIATION: Section = Section {
 pub(super) const PORTS: &str =
     "one letter a port from port 0, such as \"YKY\": Y for MII, K for EBUS, a blank for none";
 
-/// What a device does with its process data.
+/// A device's use of its process data.
 pub(super) static APPLICATIONS: [Word<ApplicationKind>; 2] = [
     ("drive", "a CiA 402 drive that follows target positions", ApplicationKind::Drive),
     ("io", "the inputs show the outputs", ApplicationKind::Io),
@@ -649,7 +648,7 @@ const fn chip(
     (name, means, (name, chip))
 }
 
-/// How long SYNC pulses may be: what register 0x0982 holds in ticks of 10 ns.
+/// Length of SYNC pulses: register 0x0982 holds it in ticks of 10 ns.
 pub(crate) const PULSE: Kind =
     Kind::Duration { least: Limit::At(0), most: Limit::At(u16::MAX as i64 * 10), whole: 10 };
 const LONGEST_STEP: Nanos = Nanos::millis(1_000);

@@ -1,4 +1,4 @@
-//! From the file to a draft.
+//! Reads the file into a draft.
 
 use isocat_descriptions::document::section::{Keys, Row};
 use isocat_descriptions::document::{FileError, Source, Table, Value};
@@ -81,8 +81,7 @@ fn esc(keys: &Keys<'_>) -> Result<Esc, FileError> {
     })
 }
 
-/// The chip, on a board with the ports that the file names, with a drift loop, an EEPROM and jitter
-/// as the file has them.
+/// The chip, with the ports, drift loop, EEPROM and jitter of the file.
 fn chip(keys: &Keys<'_>) -> Result<(&'static str, Chip), FileError> {
     let (name, chip) = keys.choice("chip", &keys::CHIPS)?;
     let chip = &Chip { ram_kib: keys.find("ram_kib")?.unwrap_or(chip.ram_kib), ..*chip };
@@ -108,7 +107,7 @@ fn chip(keys: &Keys<'_>) -> Result<(&'static str, Chip), FileError> {
     Ok((name, chips::measured(&chip, keys)?))
 }
 
-/// `[mailbox]`: where it is, and its protocols.
+/// `[mailbox]`: its areas and its protocols.
 fn mailbox(keys: &Keys<'_>) -> Result<(Placed<Mailbox>, u16), FileError> {
     let area = |key| {
         let area = keys.required_table(key)?;
@@ -129,7 +128,7 @@ fn mailbox(keys: &Keys<'_>) -> Result<(Placed<Mailbox>, u16), FileError> {
     Ok((Placed { at: keys.at(), value }, protocols))
 }
 
-/// What a device works by that has no mailbox to state it in 0x1C32:04.
+/// Modes of a device without mailbox, which cannot state them in 0x1C32:04.
 fn modes(root: &Keys<'_>, has_mailbox: bool) -> Result<Option<Placed<SupportedTypes>>, FileError> {
     if has_mailbox {
         return match root.value("modes") {
@@ -166,7 +165,7 @@ const fn announcement(mode: SyncMode) -> u16 {
     }
 }
 
-/// `[outputs]` or `[inputs]`; `bare` is how the rows of its `pdos` look.
+/// `[outputs]` or `[inputs]`; `bare` is the form of the rows of its `pdos`.
 fn area(keys: &Keys<'_>, bare: &'static Row, has_mailbox: bool) -> Result<Area, FileError> {
     let of_assignment = ["access", "slots", "recommended"];
     if let Some(key) = of_assignment.into_iter().find(|key| keys.value(key).is_some())
@@ -220,7 +219,7 @@ fn pdo(keys: &Keys<'_>) -> Result<Pdo, FileError> {
     })
 }
 
-/// A PDO of which only the length matters: `[0x1A00, 32]`.
+/// A PDO that is defined by its length only: `[0x1A00, 32]`.
 fn bare_pdo(row: &Value<'_>, bare: &'static Row) -> Result<Pdo, FileError> {
     let cells = bare.open(row)?;
     let (index, mut left) = (cells.get("PDO")?, cells.get::<i64>("bits")?);
@@ -267,7 +266,7 @@ fn pdo_entry(row: &Value<'_>) -> Result<PdoEntry, FileError> {
     })
 }
 
-/// Reads `[[opmode]]`, or the short form of many: rows [name, description, assign_activate, factors].
+/// Reads `[[opmode]]`, or the short form: rows [name, description, assign_activate, factors].
 fn op_modes(root: &Keys<'_>) -> Result<Vec<OpMode>, FileError> {
     let tables = root.tables("opmode")?;
     let mut all = tables.iter().map(op_mode).collect::<Result<Vec<_>, _>>()?;
@@ -436,7 +435,8 @@ fn deviations(root: &Keys<'_>) -> Result<Vec<Deviation>, FileError> {
     Ok(all)
 }
 
-/// What a text of `[[assumed]]` names; objects are looked up later, when all of them are known.
+/// The item that a text of `[[assumed]]` names; objects are looked up later, when all of them are
+/// known.
 fn item(root: Table<'_>, text: &str) -> Option<Item> {
     let (text, property) = match text.split_once(' ') {
         Some((text, "access")) => (text, Property::Access),

@@ -1,10 +1,10 @@
-//! The ports of a device in the letters of an ESI's `Physics`: one a port, from port 0.
+//! The ports of a device in the letters of an ESI file's `Physics`: one per port, from port 0.
 
 use isocat_esc::chip::{Chip, PortKind};
 use isocat_wire::PortNumber;
 
-/// Register 0x0007 of these letters, two bits a port: `Y` is MII, `H` MII with fast hot connect,
-/// `K` and `B` are EBUS, a blank is a port that is not used.
+/// Register 0x0007 from these letters, two bits per port: `Y` is MII, `H` MII with fast hot
+/// connect, `K` and `B` are EBUS, a blank is an unused port.
 pub(super) fn descriptor(letters: &str) -> u8 {
     let kind = |letter| match letter {
         ' ' => 0,
@@ -18,8 +18,8 @@ pub(super) fn descriptor(letters: &str) -> u8 {
         .fold(0, |all, (port, letter)| all | kind(letter) << (2 * port))
 }
 
-/// The letters of ports by the names of their kinds, as a scan has them: "MII", "EBUS" or anything
-/// else for none.
+/// The letters of ports from the names of their kinds in a scan: "MII", "EBUS" or anything else for
+/// none.
 pub fn port_letters<'a>(kinds: impl Iterator<Item = &'a str>) -> String {
     let letter = |kind| match kind {
         "MII" => 'Y',
@@ -30,7 +30,7 @@ pub fn port_letters<'a>(kinds: impl Iterator<Item = &'a str>) -> String {
     all.trim_end().to_owned()
 }
 
-/// The letters of a chip's ports, without those behind the last that it has.
+/// The letters of a chip's ports, up to the last one that exists.
 pub(super) fn letters(chip: &Chip) -> String {
     let letter = |port| match chip.port(port) {
         PortKind::Mii => 'Y',
@@ -41,7 +41,7 @@ pub(super) fn letters(chip: &Chip) -> String {
     all.trim_end().to_owned()
 }
 
-/// The ports of a chip for the SII, general category, offset 0x10: four bits a port.
+/// The ports of a chip for the SII, general category, offset 0x10: four bits per port.
 pub(super) fn in_sii(chip: &Chip) -> u16 {
     let kind = |port| match chip.port(port) {
         PortKind::Mii => 1,
@@ -51,7 +51,7 @@ pub(super) fn in_sii(chip: &Chip) -> u16 {
     PortNumber::ALL.into_iter().fold(0, |all, port| all | kind(port) << (4 * port.index()))
 }
 
-/// What the two bits of register 0x0007 say.
+/// Values of the two bits in register 0x0007.
 const EBUS: u8 = 0b10;
 const MII: u8 = 0b11;
 

@@ -20,7 +20,7 @@ pub(super) fn objects(tables: Vec<Keys<'_>>) -> Result<Vec<Object>, FileError> {
     Ok(all)
 }
 
-/// Reads `[[object]]`; `before` are those that stand before it.
+/// Reads `[[object]]`; `before` are the earlier ones.
 fn object(keys: &Keys<'_>, before: &[Object]) -> Result<Object, FileError> {
     let index = keys.get("index")?;
     let like = keys.value("like").map(|value| inherited(&value, before)).transpose()?;
@@ -48,7 +48,7 @@ fn object(keys: &Keys<'_>, before: &[Object]) -> Result<Object, FileError> {
     Ok(Object { at: keys.at(), index, name, code, data_type, entries, contradiction })
 }
 
-/// `entries`, on the ground of the object that this one is like.
+/// `entries`, based on the object of `like`.
 fn entries(keys: &Keys<'_>, index: u16, like: Option<&Object>) -> Result<Vec<Entry>, FileError> {
     let mut inherited = like.map_or(Vec::new(), |like| like.entries.clone());
     for (sub, number) in keys.items::<u8>("without", "sub-indices")? {
@@ -74,8 +74,8 @@ fn entries(keys: &Keys<'_>, index: u16, like: Option<&Object>) -> Result<Vec<Ent
     Ok(inherited)
 }
 
-/// The object that `like` names: `1C32` of this file, which stands before, or `name:1C32` of the built-in
-/// profile of this name. What is wrong with its rows is wrong at `like`.
+/// The object that `like` names: `1C32` of this file, which must be an earlier one, or `name:1C32`
+/// of the built-in profile of this name. Errors in its rows are reported at `like`.
 fn inherited(value: &Value<'_>, before: &[Object]) -> Result<Object, FileError> {
     let expected = "an object of this file that stands before (\"1C32\") or of a built-in profile \
                     (\"kollmorgen_akd2g:1C32\")";
@@ -174,8 +174,8 @@ fn gaps(row: &Value<'_>, index: u16, entries: &mut Vec<Entry>) -> Result<(), Fil
     Ok(())
 }
 
-/// Where complete access has an entry unless the row says otherwise: in 0x1C32 and 0x1C33 at the place
-/// that ETG.1020 gives the sub-index, elsewhere behind the entry before; sub-index 1 at bit 16.
+/// Default offset of an entry in complete access: in 0x1C32 and 0x1C33 that of ETG.1020, in other
+/// objects after the previous entry; sub-index 1 at bit 16.
 pub(super) fn next_offset(index: u16, sub: u8, before: &[Entry]) -> u32 {
     const SYNC: [u32; 19] =
         [0, 16, 32, 64, 96, 112, 144, 176, 208, 224, 256, 288, 304, 320, 336, 352, 384, 416, 448];
@@ -185,7 +185,7 @@ pub(super) fn next_offset(index: u16, sub: u8, before: &[Entry]) -> u32 {
         Some(last) => last.offset + u32::from(last.bits),
     };
     match (index, sub) {
-        // Gaps fill up as they come: their lengths are the device's own.
+        // Gaps follow each other directly: the device defines their lengths.
         (0x1C32 | 0x1C33, 14..) if before.last().is_some_and(|e| e.data_type == DataType::GAP) => {
             behind
         }
@@ -205,7 +205,7 @@ pub(super) fn parse_type(value: &Value<'_>) -> Result<DataType, FileError> {
     })
 }
 
-/// Length of an entry: as given, else that of its type or of its value.
+/// Length of an entry: as given, or else that of its type or of its value.
 fn bits(
     value: &Value<'_>,
     kind: DataType,
@@ -227,7 +227,7 @@ fn bits(
     }
 }
 
-/// Bytes of a default value; none of one that is not known.
+/// Bytes of a default value; empty for an unknown one.
 fn parse_value(value: &Value<'_>, kind: DataType) -> Result<Vec<u8>, FileError> {
     let text = value.as_string();
     if let Some(digits) = text.and_then(|text| text.strip_prefix(HEX)) {
@@ -255,7 +255,7 @@ fn parse_value(value: &Value<'_>, kind: DataType) -> Result<Vec<u8>, FileError> 
             let most = i64::MAX >> (64 - bits);
             Ok(bytes(value.integer(-most - 1..=most)?, bits))
         }
-        // Times are friendlier with a unit.
+        // Times may be written with a unit.
         DataType::UNSIGNED32 if text.is_some() => {
             let time = value.duration(Nanos::ZERO..=Nanos::from_u32(u32::MAX))?;
             Ok(bytes(time.0, 32))
@@ -280,7 +280,7 @@ pub(super) const fn is_signed(kind: DataType) -> bool {
     )
 }
 
-/// Pairs of hex digits with blanks between them or not; `None` if they are none.
+/// Pairs of hex digits with or without blanks; `None` for other texts.
 pub(super) fn bytes_of(text: &str) -> Option<Vec<u8>> {
     let digits: Vec<u8> = text.bytes().filter(|byte| !byte.is_ascii_whitespace()).collect();
     let (pairs, rest) = digits.as_chunks::<2>();
@@ -291,8 +291,8 @@ pub(super) fn bytes_of(text: &str) -> Option<Vec<u8>> {
     rest.is_empty().then(|| pairs.iter().map(byte).collect())?
 }
 
-/// Reads `ro`, `rw`, `wo`, `rw preop safeop`, `ro tx` and so on. What can't be written may be
-/// mapped to outputs all the same, as the tables of some makers have it.
+/// Reads `ro`, `rw`, `wo`, `rw preop safeop`, `ro tx` and so on. An entry that cannot be written
+/// may still be mapped to outputs, as in the tables of some makers.
 pub(super) fn parse_access(value: &Value<'_>) -> Result<Access, FileError> {
     let text = value.string(keys::ACCESS_WORDS)?;
     let refuse = |why: String| {
@@ -337,18 +337,18 @@ pub(super) fn parse_object(text: &str) -> Option<ObjectAddress> {
     Some(ObjectAddress::new(parse_hex(index, 4)? as u16, parse_hex(sub, 2)? as u8))
 }
 
-/// Exactly `digits` hex digits, with `0x` before them or not.
+/// Reads exactly `digits` hex digits, with or without `0x`.
 pub(super) fn parse_hex(text: &str, digits: usize) -> Option<u32> {
     let text = text.strip_prefix("0x").unwrap_or(text);
     let all_hex = text.bytes().all(|b| b.is_ascii_hexdigit());
     (text.len() == digits && all_hex).then(|| u32::from_str_radix(text, 16).ok())?
 }
 
-/// What begins the bytes of a value.
+/// Prefix of the bytes of a value.
 pub(super) const HEX: &str = "hex:";
-/// A value that nobody has published.
+/// A value that is not published.
 pub(super) const UNKNOWN: &str = "unknown";
-/// Type code of a RECORD of the device's own make, as the Slave Stack Code gives it.
+/// Type code of a RECORD defined by the device, as in the Slave Stack Code.
 pub(super) const RECORD: DataType = DataType(0x002A);
-/// As many types as a hint lists: the first of all.
+/// Number of types that a hint lists: the first ones.
 const USUAL_TYPES: usize = 12;

@@ -11,7 +11,7 @@ use isocat_wire::time::Nanos;
 use super::draft::{Area, Draft, Pdo, PdoEntry};
 use super::ports;
 
-/// The image, in the smallest usual EEPROM that it fits into.
+/// The image, in the smallest usual EEPROM size.
 pub(super) fn image(draft: &Draft<'_>) -> Result<Vec<u8>, FileError> {
     let sii = Sii {
         header: header(draft),
@@ -24,23 +24,24 @@ pub(super) fn image(draft: &Draft<'_>) -> Result<Vec<u8>, FileError> {
         others: Vec::new(),
     };
     let least = draft.eeprom.as_ref().map_or(0, |eeprom| eeprom.size);
-    // The SII of an imported device is not the only place that has its names.
+    // For an imported device the SII is not the only source of its names.
     let names = if draft.eeprom.is_some() { Names::Fitting } else { Names::All };
     sii.image(least, names).map_err(|problem| draft.source.error(0, problem.to_string()))
 }
 
-/// How long SYNC pulses are, word 2 of an image; zero is acknowledge mode.
+/// Length of SYNC pulses, word 2 of an image; zero is acknowledge mode.
 pub(super) fn pulse(image: &[u8]) -> Nanos {
     let ticks = image.get(PULSE).map_or([0; 2], |word| [word[0], word[1]]);
     Nanos(i64::from(u16::from_le_bytes(ticks)) * TICK)
 }
 
-/// Whether an image switches the SYNC unit on: the high byte of word 0, which becomes register 0x0141.
+/// Whether an image switches the SYNC unit on: the high byte of word 0, which is loaded to register
+/// 0x0141.
 pub(super) fn has_sync_unit(image: &[u8]) -> bool {
     image.get(1).is_some_and(|byte| byte & SYNC_UNIT != 0)
 }
 
-/// The image with another length of SYNC pulses, in whole ticks, and the checksum of the words around it.
+/// The image with another length of SYNC pulses, in whole ticks, and with the new checksum.
 pub(super) fn with_pulse(image: &[u8], pulse: Nanos) -> Vec<u8> {
     let mut image = image.to_vec();
     image[PULSE].copy_from_slice(&((pulse.0 / TICK) as u16).to_le_bytes());
@@ -114,7 +115,7 @@ fn general(draft: &Draft<'_>) -> General {
     }
 }
 
-/// What the FMMUs are for; the third maps the state of the send mailbox.
+/// Uses of the FMMUs; the third maps the state of the send mailbox.
 fn fmmus(draft: &Draft<'_>) -> Vec<u8> {
     if let Some(eeprom) = &draft.eeprom {
         return eeprom.fmmus.clone();
@@ -125,8 +126,9 @@ fn fmmus(draft: &Draft<'_>) -> Vec<u8> {
 }
 
 /// SM0 and SM1 are the mailbox, SM2 the outputs, SM3 the inputs, unless the profile numbers them
-/// otherwise. Without a mailbox SM0 and SM1 are unused, but keep its control byte: some MainDevices
-/// (ethercrab) guess the use of an unused one from there, and would take control 0 for inputs.
+/// otherwise. Without a mailbox SM0 and SM1 are unused, but keep the control byte of a mailbox:
+/// some MainDevices (ethercrab) guess the use of an unused one from it, and would read control 0 as
+/// inputs.
 fn sync_managers(draft: &Draft<'_>) -> Vec<SmRecord> {
     if let Some(eeprom) = &draft.eeprom {
         return eeprom.sync_managers.clone();
@@ -169,7 +171,7 @@ fn sync_managers(draft: &Draft<'_>) -> Vec<SmRecord> {
     ] {
         let Some(area) = area else { continue };
         let number = usize::from(area.sync_manager);
-        // A circuit takes no events.
+        // A device without a program handles no events.
         let silent = draft.behaviour.value.device_emulation;
         let control = if silent { control & !SyncManager::CONTROL_AL_EVENT } else { control };
         while all.len() <= number {
@@ -224,7 +226,7 @@ fn op_modes(draft: &Draft<'_>) -> Vec<SiiOpMode> {
             assign_activate: mode.assign_activate,
             sync0_factor: mode.sync0_factor,
             sync1_factor: mode.sync1_factor,
-            // Ranges of the keys.
+            // The ranges of the keys guarantee the conversion.
             cycle_time_0: mode.sync0_cycle.to_u32().unwrap_or(u32::MAX),
             shift_time_0: mode.sync0_shift.0 as i32,
             shift_time_1: mode.sync1_shift.0 as i32,
@@ -232,13 +234,13 @@ fn op_modes(draft: &Draft<'_>) -> Vec<SiiOpMode> {
         .collect()
 }
 
-/// At most 255 bytes of a text, in whole characters.
+/// A text cut to at most 255 bytes, in whole characters.
 pub(super) fn cut(text: &str) -> &str {
     let end = (0..=text.len().min(255)).rev().find(|end| text.is_char_boundary(*end));
     &text[..end.unwrap_or(0)]
 }
 
-/// Bytes of word 2: how long SYNC pulses are, in ticks of the ESC.
+/// Bytes of word 2: length of SYNC pulses, in ticks of the ESC.
 const PULSE: Range<usize> = 4..6;
 /// A tick of the ESC, ns.
 const TICK: i64 = 10;

@@ -1,4 +1,4 @@
-//! Built-in profiles against lists written down a second time.
+//! Built-in profiles compared with lists that were written independently.
 
 use isocat_subdevice::description::MissedEvents;
 use isocat_subdevice::{Entry, Object};
@@ -22,7 +22,7 @@ fn with_mailbox() -> impl Iterator<Item = Arc<Profile>> {
     built_in_ids().map(|id| built_in(id).unwrap()).filter(|profile| profile.has_mailbox())
 }
 
-/// One line an entry: sub-index, type, bits, offset, access word, value.
+/// One line for each entry: sub-index, type, bits, offset, access word, value.
 fn table(profile: &Profile, index: u16) -> String {
     let line = |entry: &Entry| {
         let address = ObjectAddress::new(index, entry.sub);
@@ -277,7 +277,7 @@ fn times_can_be_overridden() {
     assert_eq!(changed.value(ObjectAddress::new(0x1C32, 6)), Some(1));
     assert_eq!(changed.value(ObjectAddress::new(0x1C33, 6)), Some(40_000));
     assert_eq!(changed.times.calc_and_copy, Nanos(1));
-    // What the user gives is no assumption of ours.
+    // A value from the user is not an assumption.
     assert!(item(&drive) && !item(&changed));
     assert!(Arc::ptr_eq(&drive, &drive.with(Overrides::default()).unwrap()));
     let (before, after) = (&drive.description, &changed.description);
@@ -348,7 +348,7 @@ fn the_sii_image_reads_back() {
         assert_eq!(general.len(), 32);
         assert_eq!(sii::string(strings, general[3]).unwrap(), profile.name.as_bytes());
         assert_eq!(sii::string(strings, general[0]).unwrap(), profile.vendor.as_bytes());
-        // The fourth byte fills the word up: 0xFF is no FMMU.
+        // The fourth byte fills up the word: 0xFF means no FMMU.
         assert_eq!(find(category::FMMU), [1, 2, 3, 0xFF]);
 
         let sync_managers: Vec<_> = find(category::SYNC_MANAGER)
@@ -392,7 +392,7 @@ fn the_sii_image_tells_pdos_and_op_modes() {
     let inputs = vec![(0x6041, 0, 6, 16), (0x6064, 0, 4, 32), (0x6061, 0, 2, 8)];
     assert_eq!(pdo(&akd2g, category::RX_PDO), (0x1600, 3, 2, outputs.clone()));
     assert_eq!(pdo(&akd2g, category::TX_PDO), (0x1A00, 3, 3, inputs));
-    // The stock drive assigns nothing until it is told to.
+    // The standard drive has no assignment until it is written.
     assert_eq!(pdo(&ssc, category::RX_PDO), (0x1600, 3, 0xFF, outputs));
 
     let lengths = |profile| {

@@ -7,8 +7,8 @@ use isocat_wire::{ObjectAddress, coe::DataType};
 use super::OpMode;
 use super::draft::{Assumed, Draft, Entry, Item, Placed};
 
-/// Lists the unknown values that a plan goes by, and announces what the OpModes say where 0x1C32:04
-/// and 0x1C33:04 do not.
+/// Lists the unknown values that a plan uses, and announces the types of the OpModes if 0x1C32:04
+/// and 0x1C33:04 do not state any.
 pub(super) fn complete(draft: &mut Draft<'_>) {
     let announced = announced(draft);
     for index in [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER] {
@@ -31,18 +31,18 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
     }
 }
 
-/// Whether nobody knows the value. Texts and gaps that are empty are known to be.
+/// Whether the value is not known. Empty texts and gaps are known.
 pub(super) fn is_unknown(entry: &Entry) -> bool {
     entry.default.is_empty() && !matches!(entry.data_type, DataType::GAP | DataType::VISIBLE_STRING)
 }
 
-/// What a device without mailbox can be synchronized by: what any device can do, and what its
-/// OpModes need.
+/// Synchronization modes of a device without mailbox: those of any device, and those of its
+/// OpModes.
 pub(super) fn any_device(op_modes: &[OpMode]) -> SupportedTypes {
     SupportedTypes(FREE_RUN | SM_SYNCHRONOUS | needed(op_modes))
 }
 
-/// Synchronization types for sub-index 04, and why these.
+/// Synchronization types for sub-index 04, and the reason.
 fn announced(draft: &Draft<'_>) -> (u16, &'static str) {
     match needed(&draft.op_modes) {
         0 => {

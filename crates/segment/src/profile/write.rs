@@ -1,8 +1,8 @@
-//! The text of a profile file: a draft written down, so that it can be read again and edited.
+//! The text of a profile file, written from a draft, so that it can be read again and edited.
 //!
-//! A description contradicts itself where a profile must not, and says things that a profile has no
-//! keys for. The first is mended by `consistent`, the second left out; both stand in the head of
-//! the file.
+//! A description may contradict itself, which a profile must not, and may state things for which a
+//! profile has no keys. `consistent` corrects the first, and the second are left out; both are
+//! listed in the head of the file.
 
 use std::fmt::Write as _;
 
@@ -25,13 +25,13 @@ mod consistent;
 pub struct ProfileText {
     /// TOML.
     pub text: String,
-    /// What the profile does not have of what it was made of, and what was changed so that it
-    /// agrees with itself. Each also stands in the head of the text.
+    /// Parts of the source that the profile does not have, and changes that make it consistent.
+    /// Each is also listed in the head of the text.
     pub notes: Vec<String>,
 }
 
-/// Writes a draft; `made_of` says in the head what it was made of. Fails where a profile can't say
-/// what the device is.
+/// Writes a draft; `made_of` names the source in the head. Fails if a profile cannot describe the
+/// device.
 pub(super) fn text(
     draft: Draft<'_>,
     made_of: &str,
@@ -96,7 +96,7 @@ fn same(one: &Object, other: &Object) -> bool {
         && one.entries.iter().zip(&other.entries).all(|(one, other)| {
             entry(one) == entry(other)
                 && one.name == other.name
-                // A mapped value that nobody knows begins at 0, as all process data do.
+                // An unknown mapped value begins at 0, as all process data do.
                 && value(one) == value(other)
         })
 }
@@ -246,7 +246,7 @@ fn write_object(w: &mut String, object: &Object) {
     line(w, "]");
 }
 
-/// `[sub-index, type, access, value, name]`, with what does not follow behind it.
+/// `[sub-index, type, access, value, name]`, followed by properties that do not have their default.
 fn row(index: u16, entry: &Entry, before: &[Entry]) -> String {
     if entry.data_type == DataType::GAP {
         let (sub, bits) = (entry.sub, entry.bits);
@@ -274,7 +274,7 @@ fn row(index: u16, entry: &Entry, before: &[Entry]) -> String {
     )
 }
 
-/// Bytes of a text without the zeros that fill it up; of everything else all.
+/// Bytes of a text without trailing zeros; all bytes of other values.
 fn written_len(entry: &Entry) -> usize {
     match as_text(entry) {
         Some(text) => text.len(),
@@ -301,7 +301,7 @@ fn value(index: u16, entry: &Entry) -> String {
     let bytes = &entry.default[..];
     let bits = entry.data_type.bits().unwrap_or(0);
     let number = bytes.iter().rev().fold(0_u64, |sum, byte| sum << 8 | u64::from(*byte));
-    // A value that its type has no room for has no other form than its bytes.
+    // A value that is too large for its type can only be written as bytes.
     let is_number = !matches!(entry.data_type, DataType::REAL32 | DataType::REAL64)
         && bits > 0
         && bytes.len() == usize::from(bits.div_ceil(8))
@@ -328,7 +328,7 @@ fn has_no_times(mode: &OpMode) -> bool {
     [mode.sync0_cycle, mode.sync0_shift, mode.sync1_shift].iter().all(|time| *time == Nanos::ZERO)
 }
 
-/// `[[opmode]]`: rows have no room for times.
+/// `[[opmode]]`, since the short rows have no times.
 fn op_modes(w: &mut String, draft: &Draft<'_>) {
     for mode in &draft.op_modes {
         line(w, "\n[[opmode]]");
@@ -390,7 +390,7 @@ fn times(w: &mut String, draft: &Draft<'_>) {
     }
 }
 
-/// What differs from what most devices do.
+/// Behaviour that differs from that of most devices.
 fn behaviour(w: &mut String, draft: &Draft<'_>) {
     let behaviour = &draft.behaviour.value;
     let mut lines = Vec::new();
@@ -411,7 +411,7 @@ fn behaviour(w: &mut String, draft: &Draft<'_>) {
     }
 }
 
-/// `[[assumed]]`, of what is in the file.
+/// `[[assumed]]`, for the items in the file.
 fn assumed(w: &mut String, draft: &Draft<'_>, generated: &[Object]) {
     for assumed in &draft.assumed {
         let Some(what) = assumed_item(&assumed.item.value, draft, generated) else { continue };
@@ -421,7 +421,7 @@ fn assumed(w: &mut String, draft: &Draft<'_>, generated: &[Object]) {
     }
 }
 
-/// How a profile names what was assumed; `None` for what it has no name for.
+/// The name of an assumption in a profile; `None` if it has none.
 fn assumed_item(item: &Item, draft: &Draft<'_>, generated: &[Object]) -> Option<String> {
     let known = |text: &str| {
         let (text, suffix) = match text.strip_suffix(" access") {
@@ -432,7 +432,7 @@ fn assumed_item(item: &Item, draft: &Draft<'_>, generated: &[Object]) -> Option<
         let object = draft.objects.iter().find(|object| object.index == entry.index)?;
         let found = object.entries.iter().find(|found| found.sub == entry.sub)?;
         let ObjectAddress { index, sub } = entry;
-        // An unknown value is listed without being asked for.
+        // An unknown value is listed automatically.
         (!suffix.is_empty() || !unknown::is_unknown(found))
             .then(|| format!("{index:04X}:{sub:02X}{suffix}"))
     };
@@ -440,7 +440,7 @@ fn assumed_item(item: &Item, draft: &Draft<'_>, generated: &[Object]) -> Option<
     match item {
         Item::Key(name, _) if name == "ESC" => Some("esc.chip".to_owned()),
         Item::Key(name, _) => known(name).or_else(|| match &name[..] {
-            // What the device does not state its CPU needs all the same.
+            // The CPU needs this time although the device does not state it.
             CALC_AND_COPY => Some("times.calc_and_copy".to_owned()),
             INPUT_COPY => Some("times.input_copy".to_owned()),
             key if KEYS.contains(&key) => Some(key.to_owned()),
@@ -459,10 +459,10 @@ fn assumed_item(item: &Item, draft: &Draft<'_>, generated: &[Object]) -> Option<
     }
 }
 
-/// How assumptions name the times of the objects.
+/// Names of the times of the objects in assumptions.
 const CALC_AND_COPY: &str = "0x1C32:06";
 const INPUT_COPY: &str = "0x1C33:06";
-/// Keys that are written, of any device for which they are assumed.
+/// Keys that are written for each device for which they are assumed.
 const KEYS: [&str; 7] = [
     "times.reaction",
     "times.calc_and_copy",
@@ -473,7 +473,7 @@ const KEYS: [&str; 7] = [
     "modes",
 ];
 
-/// `ro`, `rw preop tx` and so on.
+/// Access as text: `ro`, `rw preop tx` and so on.
 fn access(access: Access) -> String {
     let writes = access.has_any(Access::WRITE);
     let mut words = vec![match (access.has(Access::READ), writes) {
@@ -501,12 +501,12 @@ fn access(access: Access) -> String {
     words.join(" ")
 }
 
-/// As people write it: `"62.5us"`.
+/// A duration in the notation of files: `"62.5us"`.
 fn duration(time: Nanos) -> String {
     format!("\"{time}\"").replace(' ', "")
 }
 
-/// A text as TOML has it.
+/// A text as a TOML string.
 fn quoted(text: &str) -> String {
     let mut all = String::from("\"");
     for letter in text.chars() {
@@ -523,7 +523,7 @@ fn quoted(text: &str) -> String {
     all
 }
 
-/// Names of files may have any character; a comment has one line.
+/// File names may contain any character, but a comment has one line.
 fn comment(w: &mut String, text: &str) {
     let one_line = text.replace(char::is_control, " ");
     line(w, &format!("# {one_line}"));

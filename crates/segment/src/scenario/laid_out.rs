@@ -1,4 +1,4 @@
-//! The drive in a device whose process data lie elsewhere than our drive's own.
+//! The drive in a device with another layout of process data than that of our drive.
 
 use isocat_subdevice::Application;
 use isocat_subdevice::drive::Drive;
@@ -33,7 +33,7 @@ impl Application for LaidOutDrive {
         copy(outputs, target, &mut own[2..6]);
         match mode {
             Some(mode) => copy(outputs, mode, &mut own[6..7]),
-            // Nobody can command another.
+            // No other mode can be commanded.
             None => own[6] = Drive::CYCLIC_SYNCHRONOUS_POSITION as u8,
         }
         self.drive.map_outputs(&own);
@@ -83,7 +83,7 @@ impl Application for LaidOutDrive {
     }
 }
 
-/// Bytes of an image; nothing where it is too short.
+/// Copies bytes of an image; does nothing if it is too short.
 fn copy(image: &[u8], at: u8, to: &mut [u8]) {
     let at = usize::from(at);
     if let Some(bytes) = image.get(at..at + to.len()) {
@@ -102,7 +102,8 @@ fn put(image: &mut [u8], at: u8, bytes: &[u8]) {
 mod tests {
     use super::*;
 
-    /// Target before control word, status behind the position, no mode: as some drives map them.
+    /// The layout has the target before the control word, the status after the position, and no
+    /// mode, as in some drives.
     #[test]
     fn a_drive_works_in_any_layout() {
         let layout = DriveLayout {
@@ -132,7 +133,7 @@ mod tests {
         drive.map_outputs(&[9, 0, 0, 0, 0x0F, 0]);
         drive.outputs_valid();
         assert_eq!(status(&mut drive).1, 9);
-        // Images that are too short are no panic.
+        // Images that are too short cause no panic.
         drive.map_outputs(&[0]);
         drive.map_inputs(&mut [0; 2]);
     }

@@ -1,4 +1,4 @@
-//! How a clock deviates: the keys `clocks`, `clock`, `clock_ramp`, `clock_step`, `clock_walk`.
+//! Deviation of a clock: the keys `clocks`, `clock`, `clock_ramp`, `clock_step`, `clock_walk`.
 
 use isocat_descriptions::document::FileError;
 use isocat_descriptions::document::section::Keys;
@@ -8,21 +8,20 @@ use isocat_sim::random::Stream;
 
 use crate::profile::{CLOCK_TOLERANCE, Profile};
 
-/// How fast a device's clock runs, as far as it is constant.
+/// Constant frequency deviation of a device's clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Clock {
-    /// As the key `clock` says.
+    /// The value of the key `clock`.
     Given(Ppb),
-    /// Drawn by the seed, so that no two devices share a crystal: evenly from so much below to so
-    /// much above true time. The limit is that of the key `clocks`, else of the profile, else
+    /// Drawn by the seed, so that no two devices share a crystal: evenly within this limit in both
+    /// directions. The limit is that of the key `clocks`, or else of the profile, or else
     /// [`CLOCK_TOLERANCE`].
     DrawnWithin(Ppb),
 }
 
 impl Clock {
-    /// How much faster than true time it runs in the run `seed`, for the device at this position. A
-    /// device more changes nothing for those before it, nor does whatever else is drawn by the
-    /// seed.
+    /// Its frequency deviation from true time in the run `seed`, for the device at this position
+    /// (positive: faster). It does not depend on devices behind it or on other draws.
     pub fn deviation(self, seed: u64, position: usize) -> Ppb {
         match self {
             Self::Given(deviation) => deviation,
@@ -35,7 +34,7 @@ impl Clock {
     }
 }
 
-/// Reads a device's constant deviation; `tolerance` is that of the file.
+/// Reads a device's constant deviation; `tolerance` is the value of `clocks`.
 pub(super) fn clock(
     keys: &Keys<'_>,
     profile: &Profile,
@@ -45,7 +44,7 @@ pub(super) fn clock(
     Ok(keys.find("clock")?.map_or(Clock::DrawnWithin(within), Clock::Given))
 }
 
-/// Reads the shape of a device's clock beside its constant deviation.
+/// Reads the changes of a device's clock, without its constant deviation.
 pub(super) fn shape(keys: &Keys<'_>) -> Result<ClockModel, FileError> {
     let mut model = ClockModel::constant(0);
     if let Some(ramp) = keys.table("clock_ramp")? {

@@ -1,4 +1,4 @@
-//! Devices from descriptions of makers: the keys `esi`, `type`, `product`, `revision`, `modules` and `opmode`.
+//! Devices from ESI files: the keys `esi`, `type`, `product`, `revision`, `modules` and `opmode`.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -14,14 +14,14 @@ use super::modules;
 use crate::profile::Doubt;
 use crate::profile::{ApplicationKind, Profile, RunAs};
 
-/// Descriptions that were read for this segment, by their paths; and profiles that the caller has in hand.
+/// Descriptions that were read for this segment, by their paths; and profiles that the caller gave.
 pub(super) struct Files<'a> {
     read: HashMap<Vec<String>, EsiFile>,
     pub(super) profiles: &'a [Arc<Profile>],
 }
 
 impl<'a> Files<'a> {
-    /// None read yet, with these profiles.
+    /// No descriptions yet, and these profiles.
     pub(super) fn with(profiles: &'a [Arc<Profile>]) -> Self {
         Self { read: HashMap::new(), profiles }
     }
@@ -33,7 +33,7 @@ pub(super) struct Imported {
     pub run_as: RunAs,
 }
 
-/// The device that a table names; what it says of the OpMode is in [`RunAs::notes`].
+/// The device that a table names; notes on its OpMode are in [`RunAs::notes`].
 pub(super) fn device(
     source: Source<'_>,
     keys: &Keys<'_>,
@@ -57,7 +57,8 @@ pub(super) fn device(
     in_op_mode(file, &device, choice.note, keys, cycle)
 }
 
-/// The description that the key names; of a list the first, which takes in the modules of the others.
+/// The description that the key names; for a list the first one, which includes the modules of the
+/// others.
 fn file<'f>(
     source: Source<'_>,
     esi: &Value<'_>,
@@ -81,7 +82,8 @@ fn file<'f>(
         std::collections::hash_map::Entry::Vacant(free) => {
             let mut all = free.key().iter().zip(&named).map(|(path, (value, _))| {
                 EsiFile::read(path).map_err(|error| match error.line {
-                    // It could not be read at all: the segment file is to blame.
+                    // The file could not be read at all, so the error is at the key of the segment
+                    // file.
                     0 => value.error(error.to_string()),
                     _ => error,
                 })
@@ -103,7 +105,8 @@ fn file<'f>(
     }
 }
 
-/// A device of a description, in the OpMode that the table names. `choice`: what should be known about its choice.
+/// A device of a description, in the OpMode that the table names. `choice` are the notes on its
+/// choice.
 pub(super) fn in_op_mode(
     file: &EsiFile,
     device: &EsiDevice,
@@ -120,7 +123,7 @@ pub(super) fn in_op_mode(
     notes.append(&mut run_as.notes);
     notes.extend(profile.doubts.iter().cloned());
     for warning in &device.warnings {
-        // What was said of this OpMode at this cycle is more than what the file alone tells.
+        // A note on this OpMode at this cycle contains more than a warning about the file alone.
         let kind = warning.kind.name();
         if !notes.iter().any(|note| note.kind == kind) {
             notes.push(Doubt::new(kind, warning.message.clone()));
@@ -133,8 +136,8 @@ pub(super) fn in_op_mode(
     Ok(Imported { profile, run_as })
 }
 
-/// Whether `mode` is one that the OpMode stands for. Where the file names both keys, another one is a mistake; where
-/// the OpMode was only the default, `mode` counts, and a note says so.
+/// Whether the OpMode can mean `mode`. If the file has both keys, another mode is a mistake; if the
+/// OpMode is only the default, `mode` is used, with a note.
 pub(super) fn agree(
     keys: &Keys<'_>,
     value: &Value<'_>,
@@ -165,8 +168,8 @@ pub(super) fn agree(
     }
 }
 
-/// The OpMode that the key names or numbers; without it the first, but for a drive the first with SYNC0. Modules that the
-/// table names leave those that they are for.
+/// The OpMode that the key names or numbers; without it the first, but for a drive the first with
+/// SYNC0. Modules of the table limit the choice to the OpModes for which they are made.
 fn op_mode(device: &EsiDevice, keys: &Keys<'_>) -> Result<(Option<usize>, Vec<Doubt>), FileError> {
     let modes = device.op_modes();
     let names = || modes.iter().map(|mode| mode.name.as_str());
@@ -177,7 +180,7 @@ fn op_mode(device: &EsiDevice, keys: &Keys<'_>) -> Result<(Option<usize>, Vec<Do
         let drive = device.profile.is_drive();
         let mut all: Vec<usize> = (0..modes.len()).filter(fits).collect();
         if all.is_empty() {
-            // No OpMode is for all of them; a note says so.
+            // No OpMode fits all of the modules; a note says so.
             all = (0..modes.len()).collect();
         }
         let first_with_sync = all.iter().copied().find(with_sync);
@@ -231,5 +234,5 @@ fn not_enabled(device: &EsiDevice, op_mode: Option<usize>) -> Doubt {
     Doubt::new("drive-not-enabled", words)
 }
 
-/// Objects that a drive which follows positions has in its process data, with their bits.
+/// Objects in the process data of a drive that follows positions, with their bits.
 const DRIVE_OBJECTS: [(u16, u16); 4] = [(0x6040, 16), (0x607A, 32), (0x6041, 16), (0x6064, 32)];

@@ -1,4 +1,4 @@
-//! `[[expect]]`: from its keys to what the judges are told.
+//! `[[expect]]`: from its keys to the expectations of the judges.
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Value};

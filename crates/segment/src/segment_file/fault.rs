@@ -1,4 +1,4 @@
-//! `[[fault]]`: from its keys to what a simulation is told.
+//! `[[fault]]`: from its keys to the faults of a simulation.
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -14,12 +14,12 @@ use super::{Ring, SubDevice};
 use crate::fault::Order;
 use crate::profile::Profile;
 
-/// What is to go wrong.
+/// Planned faults.
 #[derive(Clone, Debug, Default)]
 pub struct Faults {
-    /// What, and when. SubDevices are meant by their position.
+    /// The faults and their times. SubDevices are named by their position.
     pub planned: Vec<Planned>,
-    /// Devices that come in the place of others, by the number in [`Fault::Replace`].
+    /// Replacement devices, by the number in [`Fault::Replace`].
     pub spares: Vec<Arc<Profile>>,
 }
 
@@ -70,7 +70,7 @@ pub(super) fn faults(
     Ok(faults)
 }
 
-/// A device that comes in the place of another one has the ports at which there are cables.
+/// Checks that a replacement device has the ports at which there are cables.
 fn fits(
     profile: &Profile,
     devices: &[SubDevice],
@@ -94,7 +94,7 @@ fn fits(
     Ok(())
 }
 
-/// `2s`, `cycle 500`, `in-operation + 100ms`; `when` before it says no more.
+/// `2s`, `cycle 500`, `in-operation + 100ms`; a `when` before it is redundant.
 pub(super) fn when(value: &Value<'_>) -> Result<When, FileError> {
     let expected = "\"2s\", \"cycle 500\" or \"in-operation + 100ms\"";
     let text = value.name(expected)?;
@@ -123,7 +123,7 @@ pub(super) fn when(value: &Value<'_>) -> Result<When, FileError> {
     }
 }
 
-/// Parts per million of a percentage.
+/// A percentage in parts per million.
 fn share(value: &Value<'_>) -> Result<u32, FileError> {
     let expected = "a share from \"0%\" to \"100%\"";
     let text = value.name(expected)?;

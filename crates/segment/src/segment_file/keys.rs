@@ -1,8 +1,7 @@
-//! Every key of a segment file, declared: name, values, what holds without it, what it does, where
-//! it goes.
+//! Every key of a segment file, declared: name, values, default, effect and destination.
 //!
-//! The parser reads by these tables, and `isocat explain`, `docs/segment-file.md` and
-//! `docs/segment-file.schema.json` are made of them. A new key is added here and read in
+//! The parser uses these tables, and `isocat explain`, `docs/segment-file.md` and
+//! `docs/segment-file.schema.json` are made from them. A new key is added here and read in
 //! `segment_file.rs`; a test refuses a key that has only one of both.
 
 mod clock;
@@ -158,11 +157,11 @@ pub static FILE: Section = Section {
     rules: &[],
 };
 
-/// Where a description is.
+/// Path of an ESI file.
 const DESCRIPTION: Kind =
     Kind::Name("the path of a device description, such as esi = \"vendor.xml\"");
 
-/// Copper and fibre.
+/// Length of a cable, copper or fibre.
 pub(super) const CABLE_LENGTH: Kind = Kind::Length { least: 10, most: 2_000_000 };
 pub(super) const RING_EXPECTED: &str = "true, false, or the length of a cable such as \"20m\"";
 
@@ -565,7 +564,7 @@ static SUBDEVICE: Section = Section {
     ],
 };
 
-/// What is wrong with a file that lists no device.
+/// The error for a file without devices.
 pub(super) fn no_device() -> String {
     let Some(Need::Required(expected)) = FILE.key("subdevice").map(|key| key.need) else {
         unreachable!("the devices are declared as needed");
@@ -587,7 +586,7 @@ const WATCHDOG_STEP: i64 = Nanos::micros(100).0;
 /// Nothing is faster than light, ps/m.
 const LEAST_DELAY: i64 = 3_300;
 const MOST_JITTER: Nanos = Nanos::millis(10);
-/// Four times what the usual parts state.
+/// Four times the value of usual parts.
 const LONGEST_BURN: Nanos = Nanos::millis(20);
 /// Station addresses are 16 bits.
 pub(super) const MOST_DEVICES: usize = 65_535;

@@ -1,4 +1,4 @@
-//! The key `misbehave`: what a device does wrong, by name.
+//! The key `misbehave`: misbehaviours of a device, by name.
 
 use isocat_descriptions::document::section::{Keys, Words};
 use isocat_descriptions::document::{FileError, Value, name_hint};
@@ -9,10 +9,10 @@ use isocat_wire::{AbortCode, AlState, AlStatusCode, ObjectAddress};
 
 use crate::profile::Profile;
 
-/// A word of [`Misbehaviour::WORDS`], an example of what stands behind it, and its reader.
+/// A word of [`Misbehaviour::WORDS`], an example of its arguments, and its reader.
 type Word = (&'static str, &'static str, fn(&mut Arguments<'_>) -> Option<Misbehaviour>);
 
-/// How each word is read.
+/// The readers of the words.
 const WORDS: [Word; 32] = [
     ("wrong-value", "1C32:05 7", |a| Some(Misbehaviour::WrongValue(a.object()?, a.number()?))),
     ("wrong-type", "1C32:05 0x06", |a| {
@@ -65,7 +65,7 @@ const WORDS: [Word; 32] = [
     ("bad-transfer", "1C32 silent", |a| Some(Misbehaviour::BadTransfer(a.index()?, a.answer()?))),
 ];
 
-/// The vocabulary for people: each word with an example of what stands behind it, and what it means.
+/// The vocabulary for people: each word with an example of its arguments, and its meaning.
 pub fn vocabulary() -> impl Iterator<Item = (String, &'static str)> {
     WORDS.iter().map(|(name, example, _)| (format!("{name} {example}"), means(name)))
 }
@@ -79,13 +79,13 @@ impl Words for Vocabulary {
     }
 }
 
-/// What a word means, as it stands in a table: without the full stop.
+/// The meaning of a word in a table: without the full stop.
 fn means(word: &str) -> &'static str {
     let means = Misbehaviour::means(word).expect("the word is one of the vocabulary");
     means.strip_suffix('.').unwrap_or(means)
 }
 
-/// Reads the key: a list of texts, each a word and what it needs.
+/// Reads the key: a list of texts, each a word and its arguments.
 pub(super) fn misbehave(keys: &Keys<'_>, profile: &Profile) -> Result<Misbehaviours, FileError> {
     let texts = keys.list("misbehave", "faults, such as [\"dead-sync0\", \"missed-copy 3\"]")?;
     if texts.is_empty() {
@@ -105,7 +105,7 @@ pub(super) fn misbehave(keys: &Keys<'_>, profile: &Profile) -> Result<Misbehavio
     })
 }
 
-/// What a fault needs and the device does not have.
+/// A property that a fault needs and the device does not have.
 fn without_effect(profile: &Profile, fault: Misbehaviour) -> Option<String> {
     use Misbehaviour::*;
     let objects = profile.description.objects;
@@ -144,7 +144,8 @@ fn one(value: &Value<'_>) -> Result<Misbehaviour, FileError> {
     })
 }
 
-/// Reads a word and what it needs. An error is a sentence, and a hint in a second line where there is one.
+/// Reads a word and its arguments. An error is a sentence, with a hint in a second line if there is
+/// one.
 pub(crate) fn misbehaviour(text: &str) -> Result<Misbehaviour, String> {
     let mut arguments = Arguments(text.split_whitespace());
     let name = arguments.0.next().unwrap_or_default();
@@ -161,7 +162,7 @@ pub(crate) fn misbehaviour(text: &str) -> Result<Misbehaviour, String> {
     }
 }
 
-/// What stands behind a name.
+/// The arguments of a word.
 struct Arguments<'a>(std::str::SplitWhitespace<'a>);
 
 impl Arguments<'_> {

@@ -36,7 +36,7 @@ pub(super) fn fitted<'d>(
 /// A row of the list.
 struct Row<'a> {
     wish: ModuleWish<'a>,
-    /// As the file has it.
+    /// The whole value in the file.
     whole: Value<'a>,
     slot: Option<Value<'a>>,
     module: Option<Value<'a>>,
@@ -61,7 +61,7 @@ impl<'a> Row<'a> {
         Ok(Self { wish, whole: *value, slot, module: Some(named), count })
     }
 
-    /// What of it is to blame.
+    /// The part of it that is wrong.
     fn part(&self, part: WishPart) -> Value<'a> {
         let value = match part {
             WishPart::Slot => self.slot,
@@ -72,7 +72,7 @@ impl<'a> Row<'a> {
     }
 }
 
-/// `None` for an empty text: nothing stands there.
+/// A module; `None` for an empty text, which leaves the slot empty.
 fn module<'a>(value: &Value<'a>) -> Result<Option<ModuleName<'a>>, FileError> {
     if value.as_integer().is_some() {
         return Ok(Some(ModuleName::Ident(value.integer(0..=u32::MAX.into())? as u32)));
@@ -91,7 +91,7 @@ fn slot<'a>(value: &Value<'a>) -> Result<SlotName<'a>, FileError> {
     Ok(SlotName::Name(value.name(keys::SLOT_EXPECTED)?))
 }
 
-/// What is said of modules that are not for an OpMode of the device (`DcOpModeName`).
+/// The doubt about modules that are not made for the OpMode of the device (`DcOpModeName`).
 pub(super) fn unfit(device: &EsiDevice, op_mode: Option<usize>) -> Option<Doubt> {
     let mode = &device.op_modes().get(op_mode?)?.name;
     let other = |names: &[String]| !names.is_empty() && !names.contains(mode);

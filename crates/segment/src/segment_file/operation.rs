@@ -1,5 +1,5 @@
-//! What the MainDevice does beside the exchange while the segment runs: the tables `[quality]` and `[delay_watch]`, the
-//! keys `recovery`, `direction` and `measure_times`.
+//! Activities of the MainDevice besides the exchange while the segment runs: the tables `[quality]`
+//! and `[delay_watch]`, the keys `recovery`, `direction` and `measure_times`.
 //!
 //! ```toml
 //! recovery = { first = "1s", longest = "30s" }
@@ -18,17 +18,17 @@ use isocat_wire::time::Nanos;
 
 use super::keys;
 
-/// What is asked for; by default nothing.
+/// The requested activities; none by default.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Operation {
-    /// What is read in the background. Table `[quality]`, empty for the defaults.
+    /// Background reads. Table `[quality]`, empty for the defaults.
     pub quality: Option<QualityWatch>,
-    /// Delays measured on in operation. Table `[delay_watch]`, empty for the defaults.
+    /// Measurement of delays in operation. Table `[delay_watch]`, empty for the defaults.
     pub delay_watch: Option<DelayWatch>,
-    /// What becomes of SubDevices that leave OP. Key `recovery`: "never" (default), "once", or pauses that grow,
-    /// `{ first = "1s", longest = "30s" }`.
+    /// Recovery of SubDevices that leave OP. Key `recovery`: "never" (default), "once", or
+    /// increasing pauses, `{ first = "1s", longest = "30s" }`.
     pub recovery: Recovery,
-    /// Which clock leads. Key `direction`: "follow-reference" (default) or "drive-reference".
+    /// The clock that leads. Key `direction`: "follow-reference" (default) or "drive-reference".
     pub direction: Direction,
     /// Whether devices measure their times on the way up. Key `measure_times`.
     pub measure_times: bool,

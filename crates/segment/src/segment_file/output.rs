@@ -1,4 +1,4 @@
-//! `[[output]]`: from its keys to what the MainDevice's application writes.
+//! `[[output]]`: from its keys to the values that the MainDevice's application writes.
 
 use std::str::FromStr;
 
@@ -64,7 +64,8 @@ fn shape(keys: &Keys<'_>, place: Bits) -> Result<Shape, FileError> {
     Ok(Shape::Sine { amplitude, period: keys.get("period")?, lasts: keys.find("lasts")? })
 }
 
-/// Why two outputs can't both be: bits that are partly shared, or two values from one instant on.
+/// Why two outputs contradict each other: their bits overlap partly, or they set two values from
+/// one instant on.
 fn contradiction(one: &Output, other: &Output) -> Option<String> {
     let (a, b) = (one.place, other.place);
     if one.device != other.device || a.end() <= b.at || b.end() <= a.at {
@@ -86,7 +87,8 @@ fn contradiction(one: &Output, other: &Output) -> Option<String> {
     })
 }
 
-/// The bits of a place in process data with these PDOs, of a type if one is given; `what` says of which direction.
+/// The bits of a place in process data with these PDOs, with a type if one is given; `what` names
+/// the direction.
 pub(super) fn place(
     value: &Value<'_>,
     of_type: Option<(u8, bool)>,
@@ -124,7 +126,7 @@ pub(super) fn place(
     }))
 }
 
-/// An entry that is mapped, of a type if one is given.
+/// A mapped entry, with a type if one is given.
 fn of_entry(
     value: &Value<'_>,
     place: Bits,
@@ -144,7 +146,7 @@ fn of_entry(
     }
 }
 
-/// `0x607A:00`; without a sub-index it is 0.
+/// An object such as `0x607A:00`; without a sub-index it is 0.
 fn object(text: &str) -> Option<ObjectAddress> {
     let (index, sub) = text.strip_prefix("0x")?.split_once(':').unwrap_or((&text[2..], "0"));
     let is_hex = |text: &str| text.bytes().all(|byte| byte.is_ascii_hexdigit());

@@ -155,5 +155,5 @@ fn masses(keys: &Keys<'_>) -> Result<TwoMass, FileError> {
     Ok(masses)
 }
 
-/// Hz. What swings faster is no axis, and would cost many steps a cycle.
+/// Highest resonance, Hz. A faster oscillation is no axis, and would cost many steps per cycle.
 const MOST_RESONANCE: f64 = 10_000.0;

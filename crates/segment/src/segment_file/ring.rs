@@ -1,8 +1,9 @@
-//! `ring`: where the cable to the MainDevice's secondary port is plugged in, and what does not go with a ring.
+//! `ring`: the port for the cable to the MainDevice's secondary port, and the settings that a ring
+//! excludes.
 //!
-//! Frames pass the devices in the order of their positions and leave the last one for the secondary port. On the way
-//! back up from the last device they come to the free ports that no other device is behind: the first of these that is
-//! copper takes the cable.
+//! Frames pass the devices in the order of their positions and leave the last one for the secondary
+//! port. On the way back from the last device they meet the free ports without a device behind: the
+//! first of these that is copper takes the cable.
 
 use isocat_descriptions::document::FileError;
 use isocat_descriptions::document::section::{Keys, Scalar};
@@ -13,18 +14,18 @@ use isocat_wire::PortNumber;
 
 use super::{Operation, SubDevice, keys};
 
-/// The cable that makes a ring of the segment.
+/// The cable that closes a ring.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Ring {
-    /// The device that it leads from, by position.
+    /// Position of the device at its end.
     pub device: usize,
     /// Its port.
     pub port: PortNumber,
-    /// How long the cable is.
+    /// Length of the cable.
     pub cable: Length,
 }
 
-/// What faults call the cable that closes the ring.
+/// Name of the ring's cable in faults.
 pub(crate) const NAME: &str = "ring";
 
 pub(super) fn ring(
@@ -49,7 +50,7 @@ pub(super) fn ring(
     }
 }
 
-/// What the MainDevice does not do in a ring.
+/// Functions that the MainDevice does not support in a ring.
 fn refused(devices: &[SubDevice], operation: &Operation) -> Option<String> {
     if operation.delay_watch.is_some() {
         return Some(
@@ -84,7 +85,7 @@ fn refused(devices: &[SubDevice], operation: &Operation) -> Option<String> {
     })
 }
 
-/// The port at which frames leave for the secondary port once all devices are passed.
+/// The port at which frames leave for the secondary port after all devices.
 fn end(devices: &[SubDevice]) -> Option<(usize, PortNumber)> {
     let mut device = devices.len().checked_sub(1)?;
     let mut behind: &[PortNumber] = &[PortNumber::P1, PortNumber::P2, PortNumber::P3];
@@ -100,8 +101,8 @@ fn end(devices: &[SubDevice]) -> Option<(usize, PortNumber)> {
     }
 }
 
-/// The ports of a device that frames come to behind this one, without the one upstream: ports are passed in the order 0,
-/// 3, 1, 2.
+/// The ports of a device that frames visit after this one, without the one upstream: ports are
+/// passed in the order 0, 3, 1, 2.
 fn later(port: PortNumber) -> &'static [PortNumber] {
     match port {
         PortNumber::P0 => &[PortNumber::P3, PortNumber::P1, PortNumber::P2],
@@ -111,5 +112,5 @@ fn later(port: PortNumber) -> &'static [PortNumber] {
     }
 }
 
-/// As long as the other cables where nothing is said.
+/// Default length, like that of the other cables.
 const USUAL: Length = Length(10_000);

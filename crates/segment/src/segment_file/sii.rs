@@ -1,4 +1,4 @@
-//! Devices whose EEPROM is a file: the key `sii`, alone or beside `device` or `esi`.
+//! Devices whose EEPROM is a file: the key `sii`, alone or in addition to `device` or `esi`.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ pub(super) fn file<'k>(
     let name = value.name("the path of an EEPROM's content, such as sii = \"eeprom.bin\"")?;
     let folder = Path::new(source.path).parent().unwrap_or(Path::new(""));
     let path = folder.join(name).display().to_string();
-    // A binary file has no lines: the segment file has the place.
+    // A binary file has no lines, so the error is at the key of the segment file.
     let file = SiiFile::read(&path).map_err(|error| match error.line {
         0 => value.error(error.to_string()),
         _ => error,
@@ -29,7 +29,7 @@ pub(super) fn file<'k>(
     Ok(Some((value, file)))
 }
 
-/// The device that the SII alone describes.
+/// The device described by the SII alone.
 pub(super) fn device(
     keys: &Keys<'_>,
     value: &Value<'_>,
@@ -41,7 +41,7 @@ pub(super) fn device(
         unreachable!("a description of an SII has its device");
     };
     let mut imported = esi::in_op_mode(&file, device, None, keys, cycle).map_err(|error| {
-        // What can't be simulated has its place in the SII, which has no lines.
+        // The place of an obstacle is in the SII, which has no lines.
         if error.path == file.path { value.error(&*error.message) } else { error }
     })?;
     imported.profile = imported.profile.with_sii(&sii.image);
@@ -49,8 +49,9 @@ pub(super) fn device(
     Ok(imported)
 }
 
-/// A device that is described elsewhere, with the bytes of this file in its EEPROM. Another vendor or product is an error;
-/// another revision is noted, as a device whose EEPROM and firmware are of different age.
+/// A device that is described elsewhere, with the bytes of this file in its EEPROM. Another vendor
+/// or product is an error; another revision is noted, since EEPROM and firmware of a device may
+/// differ in age.
 pub(super) fn served(
     value: &Value<'_>,
     profile: &Arc<Profile>,

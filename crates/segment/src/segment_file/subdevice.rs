@@ -1,5 +1,5 @@
-//! One `[[subdevice]]`: from its keys to a device, each value checked against what the device can
-//! do.
+//! One `[[subdevice]]`: from its keys to a device, with each value checked against the device's
+//! abilities.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ use super::{Place, SubDevice, clock, esi, misbehave, sii};
 use crate::profile::Doubt;
 use crate::profile::{self, Overrides, Profile, RunAs};
 
-/// What the head of the file says for all devices.
+/// Settings of the file's head for all devices.
 #[derive(Clone, Copy)]
 pub(super) struct Bus {
     pub cycle: Nanos,
@@ -26,7 +26,7 @@ pub(super) struct Bus {
     pub tolerance: Option<Ppb>,
 }
 
-/// Reads a table. Its name and place are still those that the table alone tells.
+/// Reads a table. Name and place are only those of the table.
 pub(super) fn subdevice(
     source: Source<'_>,
     keys: &Keys<'_>,
@@ -48,11 +48,11 @@ pub(super) fn subdevice(
     }
     let clock = clock::clock(keys, &profile, tolerance)?;
     Ok(SubDevice {
-        // Without the key, only the device's position can tell.
+        // Without the key, the name follows from the device's position.
         name: keys.find("name")?.unwrap_or_default(),
         profile,
         mode,
-        // Only the devices above can tell.
+        // The place follows from the devices above.
         place: Place { upstream: None, port: PortNumber::P0 },
         cable,
         cable_delay,
@@ -71,12 +71,12 @@ pub(super) fn subdevice(
         optional,
         arrives: keys.get("arrives")?,
         notes: run_as.notes,
-        // Counted as the file goes on.
+        // Lines are counted later.
         line: 0,
     })
 }
 
-/// `cycle`: one slower than that of the bus.
+/// `cycle`: a multiple of the bus cycle.
 fn own_cycle(keys: &Keys<'_>, bus: Nanos) -> Result<Option<Nanos>, FileError> {
     match keys.find::<Nanos>("cycle")? {
         Some(own) if own.0 % bus.0 != 0 => Err(keys.error_at("cycle", format!(
@@ -87,16 +87,17 @@ fn own_cycle(keys: &Keys<'_>, bus: Nanos) -> Result<Option<Nanos>, FileError> {
     }
 }
 
-/// What a table says the device is.
+/// The device of a table.
 struct Made {
     profile: Arc<Profile>,
-    /// By its OpMode, where it has one.
+    /// The settings of its OpMode, if it has one.
     run_as: Option<RunAs>,
-    /// What is doubtful about its EEPROM.
+    /// Doubts about its EEPROM.
     notes: Vec<Doubt>,
 }
 
-/// `device`, or `esi` and what belongs to it, or `sii` alone; with `sii` beside one of the others, their EEPROM.
+/// `device`, or `esi` and its keys, or `sii` alone; in addition to one of the others, `sii` is
+/// their EEPROM.
 fn device(
     source: Source<'_>,
     keys: &Keys<'_>,
@@ -121,7 +122,7 @@ fn device(
     Ok(Made { profile, run_as, notes })
 }
 
-/// `device`, or `esi` and what belongs to it.
+/// `device`, or `esi` and its keys.
 fn described(
     source: Source<'_>,
     keys: &Keys<'_>,
@@ -143,8 +144,8 @@ fn described(
     Ok((device_profile(source, &device, files.profiles)?, None))
 }
 
-/// A built-in profile by its id, or a profile file by its path: a name that ends in `.toml` or has
-/// a slash in it.
+/// A built-in profile by its id, or a profile file by its path: a name with a slash, or one that
+/// ends in `.toml`.
 fn device_profile(
     source: Source<'_>,
     device: &Value<'_>,
@@ -164,15 +165,15 @@ fn device_profile(
     let folder = Path::new(source.path).parent().unwrap_or(Path::new(""));
     let path = folder.join(name).display().to_string();
     let text = limits::read_text(&path, limits::TOML).map_err(|error| match error.line {
-        // It could not be read at all: the segment file is to blame.
+        // The file could not be read at all, so the error is at the key of the segment file.
         0 => device.error(format!("device \"{name}\": the profile file {error}")),
         _ => error,
     })?;
     Profile::from_toml(&path, &text)
 }
 
-/// `calc_copy`, `delay`, `copy_time`, `jitter`, `pulse`, `acknowledge`, `eeprom_burn`, `misbehave`: the device with what it
-/// says and does differently.
+/// `calc_copy`, `delay`, `copy_time`, `jitter`, `pulse`, `acknowledge`, `eeprom_burn`, `misbehave`:
+/// the device with these changes.
 fn with_times(keys: &Keys<'_>, profile: &Arc<Profile>) -> Result<Arc<Profile>, FileError> {
     let overrides = Overrides {
         stated_calc_and_copy: keys.find("calc_copy")?,
@@ -191,7 +192,7 @@ fn with_times(keys: &Keys<'_>, profile: &Arc<Profile>) -> Result<Arc<Profile>, F
     })
 }
 
-/// `pulse`, of a device that has SYNC pulses.
+/// `pulse`, for a device with SYNC pulses.
 fn pulse(keys: &Keys<'_>, profile: &Profile) -> Result<Option<Nanos>, FileError> {
     if let Some(value) = keys.value("pulse")
         && !profile.has_sync_unit()
@@ -205,7 +206,7 @@ fn pulse(keys: &Keys<'_>, profile: &Profile) -> Result<Option<Nanos>, FileError>
     keys.find("pulse")
 }
 
-/// `acknowledge`, of a device whose pulses do not end by themselves.
+/// `acknowledge`, for a device whose pulses do not end by themselves.
 fn acknowledge(keys: &Keys<'_>, profile: &Profile) -> Result<Option<Nanos>, FileError> {
     let pulse = keys.find("pulse")?.unwrap_or(profile.pulse());
     match keys.value("acknowledge") {
@@ -227,7 +228,7 @@ fn measured(keys: &Keys<'_>) -> Result<MeasuredTimes, FileError> {
     })
 }
 
-/// What an OpMode says of the pulses, and what is doubtful about it.
+/// The OpMode's settings of the pulses, and doubts about it.
 #[derive(Default)]
 struct OpMode {
     sync1: Option<Nanos>,
@@ -236,8 +237,8 @@ struct OpMode {
     notes: Vec<Doubt>,
 }
 
-/// `mode`, held against the device and its OpMode. A mode that differs from that of the OpMode has
-/// pulses of its own.
+/// `mode`, compared with the device and its OpMode. A mode that differs from that of the OpMode
+/// does not use the pulses of the OpMode.
 fn mode(
     keys: &Keys<'_>,
     profile: &Profile,
@@ -278,7 +279,7 @@ fn of_op_mode(run_as: RunAs, mode: SyncMode) -> OpMode {
     }
 }
 
-/// The device announces the mode and can do it in this cycle.
+/// Checks that the device announces the mode and can run it in this cycle.
 fn possible(
     mode: SyncMode,
     value: &Value<'_>,
@@ -311,7 +312,7 @@ fn possible(
     Ok(())
 }
 
-/// `shift` and `input_shift`, for a device that can be shifted.
+/// `shift` and `input_shift`, for a device that supports them.
 fn shifts(keys: &Keys<'_>, profile: &Profile) -> Result<(Option<Nanos>, Option<Nanos>), FileError> {
     let behaviour = &profile.description.behaviour;
     let shift = |key, index, able: bool| {
@@ -332,13 +333,13 @@ fn shifts(keys: &Keys<'_>, profile: &Profile) -> Result<(Option<Nanos>, Option<N
     ))
 }
 
-/// What the file says of the pulses.
+/// Settings of the pulses in the file.
 struct Pulses {
     sync1: Option<Nanos>,
     sync0_cycle: Option<Nanos>,
 }
 
-/// `sync1` and `sync0_cycle`, in modes that have them.
+/// `sync1` and `sync0_cycle`, for modes that have them.
 fn pulses(keys: &Keys<'_>, mode: Option<SyncMode>, bus: Nanos) -> Result<Pulses, FileError> {
     let sync1 = keys.find("sync1")?;
     only_in(keys, "sync1", mode, &[SyncMode::DcShiftSync1, SyncMode::DcSync1])?;
@@ -352,7 +353,7 @@ fn pulses(keys: &Keys<'_>, mode: Option<SyncMode>, bus: Nanos) -> Result<Pulses,
     }
 }
 
-/// A key that has a meaning in some modes only.
+/// Refuses a key that has a meaning only in other modes.
 fn only_in(
     keys: &Keys<'_>,
     key: &'static str,
@@ -371,7 +372,7 @@ fn only_in(
     }
 }
 
-/// Twice the cable's delay: what the ways out and back take together.
+/// Twice the cable's delay: the sum of the delays out and back.
 fn twice(cable: Length, delay: DelayPerMetre) -> Nanos {
     Nanos(2 * cable.0 * delay.0 / 1_000_000)
 }

@@ -151,7 +151,7 @@ fn the_time_needed_follows_the_time_stated() {
     assert_eq!(times("calc_copy = \"80us\""), Nanos(80_000));
     assert_eq!(times("calc_copy = \"80us\"\ncopy_time = \"90us\""), Nanos(90_000));
     assert_eq!(times("copy_time = \"90us\""), Nanos(90_000));
-    // The terminal's profile says what it needs, since it states nothing.
+    // The key needs a stated value, and the terminal states none.
     let text = "cycle = \"1ms\"\nhost = { port = \"ebus\" }\n[[subdevice]]\ndevice = \"beckhoff_el2502-0010\"\n\
                 calc_copy = \"9us\"";
     let terminal = SegmentFile::parse("s.toml", text).unwrap().subdevices.remove(0);
@@ -350,7 +350,7 @@ fn a_cycle_must_be_possible_in_the_mode() {
     );
     assert!(refused(&with("249999ns", "sm")).0.contains("0x1C32:05 = 250 us"));
     SegmentFile::parse("s.toml", &with("250us", "dc-sync0")).unwrap();
-    // Free Run does not care for the bus cycle.
+    // Free Run does not depend on the bus cycle.
     SegmentFile::parse("s.toml", &with("125us", "free-run")).unwrap();
 }
 
@@ -386,7 +386,7 @@ fn a_profile_may_be_a_file_beside_the_segment() {
     assert_eq!((missing.line, missing.column), (3, 10));
     assert!(missing.message.contains("none.toml: can't be read"), "{missing}");
 
-    // A mistake in the profile is told with the profile's own place.
+    // A mistake in the profile is reported with its place in the profile.
     std::fs::write(&path, text.replacen("[esc]\n", "[esc]\nchp = 1\n", 1)).unwrap();
     let broken = of("own.toml").unwrap_err();
     assert!(broken.path.ends_with("own.toml"), "{broken}");
@@ -414,7 +414,7 @@ fn names_are_not_given_twice() {
     SegmentFile::parse("s.toml", &two("", "")).unwrap();
 }
 
-/// Damaged files are refused or read, but nothing panics, and every place is inside the file.
+/// Damaged files are refused or read without a panic, and every place is inside the file.
 #[test]
 fn damaged_files_are_no_panic() {
     let text = SegmentFile::built_in_text();
@@ -458,7 +458,7 @@ fn pulses_end_by_themselves_or_are_acknowledged() {
     assert_eq!(of("pulse = \"0ns\""), (0, 0));
     assert_eq!(of("pulse = \"655.35us\""), (655_350, 0));
     assert_eq!(of("pulse = \"0ns\"\nacknowledge = \"30us\""), (0, 30_000));
-    // The EEPROM goes with it, its checksum too.
+    // The EEPROM and its checksum are changed, too.
     let sii = subdevice("pulse = \"1.23us\"").profile.sii.clone();
     assert_eq!(sii[4..6], [123, 0]);
     let configuration = sii[..14].try_into().expect("words 0 to 6");

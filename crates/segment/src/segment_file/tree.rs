@@ -1,7 +1,8 @@
-//! Where devices hang: the keys `connect` and `port`, and whether both ends are of one kind.
+//! Places of devices in the tree: the keys `connect` and `port`, and whether both ends are of one
+//! kind.
 //!
-//! A file lists devices in any order in which the upstream one stands first. Everything after works in
-//! the order of positions, which is the order in which frames are processed: see [`sort`].
+//! A file lists devices in any order in which the upstream one comes first. Everything after uses
+//! the order of positions, in which frames are processed: see [`sort`].
 
 use std::collections::HashMap;
 
@@ -14,27 +15,27 @@ use isocat_wire::PortNumber;
 use super::SubDevice;
 use crate::profile::Profile;
 
-/// Where a device hangs.
+/// Place of a device in the tree.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Place {
     /// The device upstream, by its index in the file's list of devices, and its port; `None`: the
-    /// MainDevice. Key `connect`, such as `connect = "axis 1:3"`: the name of a device above, or its
-    /// place in the file counted from 0 (each of a `count` counts), and the port there. Default: the device above, port 1 (port 0
-    /// if that one's port 1 leads upstream).
+    /// MainDevice. Key `connect`, such as `connect = "axis 1:3"`: the name of a device above, or
+    /// its place in the file counted from 0 (each of a `count` counts), and the port there.
+    /// Default: the device above, port 1 (port 0 if its port 1 leads upstream).
     pub upstream: Option<(usize, PortNumber)>,
-    /// The device's own port that the cable upstream is plugged into. Key `port`; default 0, any other
-    /// is a swapped cable.
+    /// The device's own port for the cable upstream. Key `port`; default 0, any other is a swapped
+    /// cable.
     pub port: PortNumber,
 }
 
-/// Which ports of the devices so far are taken.
+/// The ports in use of the devices so far.
 pub(super) struct Ports {
-    /// What the first device is plugged into.
+    /// The port for the first device.
     main: PortKind,
     taken: Vec<[bool; 4]>,
 }
 
-/// The devices so far, and their names with their places; the name of the next one may be among them.
+/// The devices so far, and their names with their places; the name of the next one may be included.
 #[derive(Clone, Copy)]
 pub(super) struct Earlier<'a> {
     pub devices: &'a [SubDevice],
@@ -60,7 +61,7 @@ impl Plug<'_> {
         self.profile.esc().port(self.port)
     }
 
-    /// What is wrong with this end at a port of another kind.
+    /// The error for this end at a port of another kind.
     fn misfit(self, above: &str, kind: PortKind) -> String {
         let Self { name, port, .. } = self;
         format!(
@@ -77,7 +78,8 @@ impl Ports {
         Self { main, taken: Vec::new() }
     }
 
-    /// Reads where the next device hangs, below the `earlier` ones: as `connect` says, or behind the last.
+    /// Reads the place of the next device, below the `earlier` ones: as `connect` says, or behind
+    /// the last.
     pub fn place<'a>(
         &mut self,
         keys: &Keys<'a>,
@@ -137,7 +139,7 @@ impl Ports {
         Ok(Place { upstream, port: plug.port })
     }
 
-    /// The first device hangs on the MainDevice.
+    /// Checks that the first device fits the MainDevice's port.
     fn fits_main_device(&self, keys: &Keys<'_>, plug: Plug<'_>) -> Result<(), FileError> {
         if plug.kind() == self.main {
             return Ok(());
@@ -153,7 +155,7 @@ impl Ports {
         Err(keys.error(message).with_hint(hint))
     }
 
-    /// Where a device that does not fit where it stands could be plugged in.
+    /// A free place for a device that does not fit at its place.
     fn remedy(&self, plug: Plug<'_>, earlier: &[SubDevice]) -> String {
         let free = |(device, port): &(&SubDevice, PortNumber), taken: &[bool; 4]| {
             device.profile.esc().port(*port) == plug.kind() && !taken[port.index()]
@@ -174,11 +176,11 @@ impl Ports {
     }
 }
 
-/// What leads from copper to terminals, and back.
+/// Devices that connect copper to terminals, and back.
 const COUPLER: &str = "a coupler, such as device = \"beckhoff_ek1100\",";
 const EXTENSION: &str = "an EtherCAT extension, such as device = \"beckhoff_ek1110\",";
 
-/// Brings devices into the order of their positions.
+/// Sorts devices by their positions.
 pub(super) fn sort(devices: Vec<SubDevice>) -> Vec<SubDevice> {
     let links: Vec<_> = devices.iter().map(|d| (d.place.upstream, d.place.port)).collect();
     let order = processing_order(&links);
@@ -242,7 +244,7 @@ fn upstream(value: &Value<'_>, above: Earlier<'_>) -> Result<(usize, PortNumber)
     Ok((found, port))
 }
 
-/// A kind of port in the field's words.
+/// A kind of port in words.
 fn word(kind: PortKind) -> &'static str {
     match kind {
         PortKind::Mii => "MII (copper)",
@@ -259,7 +261,8 @@ fn chip(profile: &Profile) -> &'static str {
     profile.esc().name
 }
 
-/// The ports that a device has: `0, 1`. A chip may have more of them than its device uses.
+/// The ports of a device as text, such as `0, 1`. A chip may have more of them than its device
+/// uses.
 fn ports(profile: &Profile) -> String {
     let has = PortNumber::ALL.into_iter().filter(|port| profile.esc().has_port(*port));
     has.map(|port| port.to_string()).collect::<Vec<_>>().join(", ")

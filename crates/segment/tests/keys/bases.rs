@@ -1,14 +1,14 @@
-//! A valid file around every table, with a place for the key that is looked at.
+//! A valid file around every table, with a place for the key under test.
 
 use isocat_segment::keys::Place;
 
-/// A file with this line (`None`: an empty one) for the key of a place; what it needs beside it is
-/// there.
+/// A file with this line (`None`: an empty one) for the key of a place, and with the other keys
+/// that it needs.
 pub fn file(place: &Place, line: Option<&str>) -> String {
     let (name, head) = (place.key.name, place.section.head);
     let Base { mut before, lines, after, inline } = base(place.file.name, head, name);
     if line.is_some_and(|line| line.contains("\"ebus\"")) {
-        // What a MainDevice with EBUS has at its side.
+        // A MainDevice with EBUS needs a terminal.
         before = before.replace("simple_io4", "beckhoff_el2502-0010");
     }
     if (head, name) == ("[times]", "acknowledge") {
@@ -31,7 +31,7 @@ struct Base {
     inline: bool,
 }
 
-/// What must go and what must come beside a key.
+/// Keys that must be removed and added for a key.
 fn beside(head: &str, name: &str) -> (&'static [&'static str], &'static [&'static str]) {
     match (head, name) {
         ("[[subdevice]]", "esi") => (&["device"], &["type = \"EL2502-0010\""]),
@@ -218,7 +218,7 @@ fn profile(head: &str, name: &str) -> Base {
             ),
             &[("one_in", "10"), ("by", "\"1ms\"")],
         ),
-        // What has no program has no mailbox.
+        // A device without a program has no mailbox.
         "[behaviour]" if name == "device_emulation" => {
             (root("mailbox", &format!("modes = [\"sm\"]\n{head}")), &[])
         }

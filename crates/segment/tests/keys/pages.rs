@@ -1,5 +1,5 @@
-//! Schemas and tables of the documentation are made of the declarations. `UPDATE_GOLDEN=1` writes
-//! them anew.
+//! Schemas and tables of the documentation are made from the declarations. `UPDATE_GOLDEN=1` writes
+//! them.
 
 use std::path::PathBuf;
 
@@ -27,7 +27,7 @@ fn schemas_are_those_of_the_keys() {
     }
 }
 
-/// The page of a kind of file: its own words, and between two marks the tables.
+/// The page of a kind of file: its own text, and the tables between two marks.
 fn page(file: &File) -> (String, String) {
     let name = format!("{}.md", file.name);
     let text = std::fs::read_to_string(docs(&name)).unwrap();
@@ -44,7 +44,7 @@ fn tables_are_those_of_the_keys() {
     }
 }
 
-/// What the pages show as an example is one.
+/// The examples on the pages are valid.
 #[test]
 fn examples_of_the_pages_are_accepted() {
     for file in &keys::FILES {

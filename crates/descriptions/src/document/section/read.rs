@@ -1,4 +1,4 @@
-//! Reading a table by what is declared of its keys.
+//! Reads a table by the declarations of its keys.
 
 use isocat_wire::time::Nanos;
 
@@ -6,11 +6,11 @@ use super::{Key, Kind, Need, Row, Section, Word};
 use crate::document::{FileError, Source, Table, Value};
 use crate::quantity::{DelayPerMetre, Length, Ppb};
 
-/// A table of a file beside the [`Section`] that declares its keys.
+/// A table of a file with the [`Section`] that declares its keys.
 ///
-/// Asking for a key that the section does not declare, or for a value that its kind does not have,
-/// is a mistake of the program and panics, whatever the file says: the first file that is read
-/// shows it.
+/// A request for a key that the section does not declare, or for a value that its kind does not
+/// have, is a mistake of the program. It panics whatever the file contains, so the first file that
+/// is read shows it.
 #[derive(Clone, Copy, Debug)]
 pub struct Keys<'a> {
     table: Table<'a>,
@@ -26,12 +26,12 @@ impl<'a> Keys<'a> {
         Ok(Self { table, section, base: 0 })
     }
 
-    /// The same with the quantity that limits of its ranges depend on.
+    /// Sets the quantity on which limits of its ranges depend.
     pub fn by(self, base: Nanos) -> Self {
         Self { base: base.0, ..self }
     }
 
-    /// The value of a key that must be there or has a default.
+    /// The value of a key that is required or has a default.
     pub fn get<T: Scalar>(&self, name: &'static str) -> Result<T, FileError> {
         let key = self.key(name);
         match (self.table.value(name), key.need) {
@@ -44,15 +44,15 @@ impl<'a> Keys<'a> {
         }
     }
 
-    /// The value of a key if it is there.
+    /// The value of a key, if present.
     pub fn find<T: Scalar>(&self, name: &'static str) -> Result<Option<T>, FileError> {
         let key = self.key(name);
         let value = self.table.value(name);
         value.map(|value| T::read(&value, &key.kind, self.base)).transpose()
     }
 
-    /// What the word of a key stands for; `words` is the list that its [`Kind::Choice`] has. For a
-    /// key that must be there or has a default.
+    /// The value for the word of a key; `words` is the list in its [`Kind::Choice`]. For a key that
+    /// is required or has a default.
     pub fn choice<T: Copy>(&self, name: &'static str, words: &[Word<T>]) -> Result<T, FileError> {
         let key = self.key(name);
         match (self.find_choice(name, words)?, key.need) {
@@ -68,7 +68,7 @@ impl<'a> Keys<'a> {
         }
     }
 
-    /// The same if the key is there.
+    /// The same for an optional key, if present.
     pub fn find_choice<T: Copy>(
         &self,
         name: &'static str,
@@ -78,13 +78,13 @@ impl<'a> Keys<'a> {
         self.table.value(name).map(|value| kind.word(&value, words)).transpose()
     }
 
-    /// The value of a key as the file has it, for kinds that the reader takes apart itself.
+    /// The value of a key as in the file, for kinds that the reader parses itself.
     pub fn value(&self, name: &'static str) -> Option<Value<'a>> {
         self.key(name);
         self.table.value(name)
     }
 
-    /// The same for a key that must be there.
+    /// The same for a required key.
     pub fn required(&self, name: &'static str) -> Result<Value<'a>, FileError> {
         match (self.value(name), self.key(name).need) {
             (Some(value), _) => Ok(value),
@@ -95,8 +95,8 @@ impl<'a> Keys<'a> {
         }
     }
 
-    /// The values of a list; empty if the key is not there and has no need to be. `things` says in
-    /// an error what the list is of.
+    /// The values of a list; empty if the key is missing and not required. `things` names its
+    /// elements in errors.
     pub fn list(&self, name: &'static str, things: &str) -> Result<Vec<Value<'a>>, FileError> {
         match (self.value(name), self.key(name).need) {
             (Some(value), _) => value.array(things),
@@ -107,8 +107,7 @@ impl<'a> Keys<'a> {
         }
     }
 
-    /// The values of a list that a key has by itself, each with its place; empty if the key is not
-    /// there.
+    /// The scalar values of a list, each with its place; empty if the key is missing.
     pub fn items<T: Scalar>(
         &self,
         name: &'static str,
@@ -119,14 +118,14 @@ impl<'a> Keys<'a> {
         values.map(|value| Ok((value, T::read(&value, kind, self.base)?))).collect()
     }
 
-    /// The table of a key, if it is there.
+    /// The table of a key, if present.
     pub fn table(&self, name: &'static str) -> Result<Option<Keys<'a>>, FileError> {
         let Kind::Table(section) = self.key(name).kind else { panic!("{name} is no table") };
         let Some(value) = self.table.value(name) else { return Ok(None) };
         Ok(Some(Keys::open(value.table()?, section)?.with(self.base)))
     }
 
-    /// The table of a key; if it is not there, an empty one, whose keys have their defaults.
+    /// The table of a key; if missing, an empty one, whose keys have their defaults.
     pub fn table_or_empty(&self, name: &'static str) -> Result<Keys<'a>, FileError> {
         let Kind::Table(section) = self.key(name).kind else { panic!("{name} is no table") };
         match self.table(name)? {
@@ -135,7 +134,7 @@ impl<'a> Keys<'a> {
         }
     }
 
-    /// The table of a key that must be there.
+    /// The table of a required key.
     pub fn required_table(&self, name: &'static str) -> Result<Keys<'a>, FileError> {
         match (self.table(name)?, self.key(name).need) {
             (Some(keys), _) => Ok(keys),
@@ -146,7 +145,7 @@ impl<'a> Keys<'a> {
         }
     }
 
-    /// The tables `[[name]]`; none if there are none.
+    /// The tables `[[name]]`; empty if there are none.
     pub fn tables(&self, name: &'static str) -> Result<Vec<Keys<'a>>, FileError> {
         let Kind::Tables(section) = self.key(name).kind else { panic!("{name} is no tables") };
         let tables = self.table.tables(name)?;
@@ -158,7 +157,7 @@ impl<'a> Keys<'a> {
         self.table.error(message)
     }
 
-    /// An error about the value of a key; about the table if the key is not there.
+    /// An error about the value of a key, or about the table if the key is missing.
     pub fn error_at(&self, name: &'static str, message: impl Into<String>) -> FileError {
         match self.value(name) {
             Some(value) => value.error(message),
@@ -166,7 +165,7 @@ impl<'a> Keys<'a> {
         }
     }
 
-    /// Byte at which the table begins.
+    /// Byte offset of the table's begin.
     pub fn at(&self) -> usize {
         self.table.at
     }
@@ -186,7 +185,7 @@ impl<'a> Keys<'a> {
 }
 
 impl Kind {
-    /// What the word stands for.
+    /// The value that belongs to the word.
     pub fn word<T: Copy>(&self, value: &Value<'_>, words: &[Word<T>]) -> Result<T, FileError> {
         let Kind::Choice(choice) = self else { panic!("{self:?} has no words") };
         debug_assert!(
@@ -198,7 +197,7 @@ impl Kind {
 }
 
 impl Row {
-    /// The cells of a row that the file has.
+    /// The cells of a row in the file.
     pub fn open<'a>(&'static self, value: &Value<'a>) -> Result<Cells<'a>, FileError> {
         let values = value.array("cells")?;
         let most = self.cells.len() + usize::from(self.more.is_some());
@@ -222,12 +221,12 @@ impl<'a> Cells<'a> {
         T::read(&self.values[at], kind, 0)
     }
 
-    /// A cell as the file has it.
+    /// A cell as in the file.
     pub fn value(&self, name: &'static str) -> Value<'a> {
         self.values[self.cell(name).0]
     }
 
-    /// The table behind the last cell.
+    /// The table after the last cell.
     pub fn more(&self) -> Result<Option<Keys<'a>>, FileError> {
         let Some(section) = self.row.more else { return Ok(None) };
         let Some(value) = self.values.get(self.row.cells.len()) else { return Ok(None) };
@@ -241,10 +240,9 @@ impl<'a> Cells<'a> {
     }
 }
 
-/// A value that a key can have by itself.
+/// A scalar value of a key.
 pub trait Scalar: Sized {
-    /// Reads it and holds it against the range of its kind; `base` is the quantity that limits
-    /// depend on.
+    /// Reads it and checks the range of its kind; `base` is the quantity on which limits depend.
     fn read(value: &Value<'_>, kind: &Kind, base: i64) -> Result<Self, FileError>;
 }
 
@@ -326,7 +324,7 @@ fn mistaken(kind: &Kind) -> ! {
     panic!("{kind:?} is declared, and read as something else")
 }
 
-/// The value that holds without the key.
+/// The default value of a key.
 fn default<T: Scalar>(key: &'static Key, text: &str, base: i64) -> T {
     let text = format!("{} = {text}", key.name);
     let source = Source { path: "the default", text: &text };

@@ -1,4 +1,4 @@
-//! What values a key has, in words.
+//! Descriptions of a key's values.
 
 use isocat_wire::time::Nanos;
 
@@ -6,7 +6,7 @@ use super::{Key, Kind, Limit, Need, Section};
 use crate::quantity::{DelayPerMetre, Length, Ppb};
 
 impl Kind {
-    /// What values it has, as a phrase: `duration, 10 us to 1 s`.
+    /// Its values as a phrase: `duration, 10 us to 1 s`.
     pub fn words(&self) -> String {
         match self {
             Self::Duration { least, most, whole } => {
@@ -54,7 +54,7 @@ impl Kind {
     }
 }
 
-/// Most words that a phrase lists.
+/// Largest number of words in a phrase.
 const MOST_WORDS: usize = 8;
 
 impl Limit {
@@ -67,7 +67,7 @@ impl Limit {
 }
 
 impl Need {
-    /// What holds without the key, as a phrase.
+    /// The default of the key, as a phrase.
     pub fn words(self) -> String {
         match self {
             Self::Required(_) => "needed".into(),
@@ -79,14 +79,14 @@ impl Need {
 }
 
 impl Key {
-    /// As a line of the file: `input_shift = "20us"`.
+    /// A line of the file: `input_shift = "20us"`.
     pub fn line(&self) -> String {
         format!("{} = {}", self.name, self.example)
     }
 }
 
 impl Section {
-    /// What an explanation calls it: `[host]`, `the top level`.
+    /// Its name in explanations: `[host]`, `the top level`.
     pub fn title(&self) -> &'static str {
         if self.head.is_empty() { "the top level" } else { self.head }
     }

@@ -1,4 +1,4 @@
-//! Sees a case, and keeps of each SubDevice what became of it.
+//! Observes a case, and keeps the effects on each SubDevice.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -10,37 +10,38 @@ use isocat_sim::{Segment, Tap};
 use isocat_wire::time::{Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode};
 
-/// What was seen of a case.
+/// Observations of a case.
 #[derive(Clone, Default, Debug)]
 pub(super) struct Seen {
     pub devices: Vec<Device>,
     /// The clock that led before; `None` without clocks.
     pub reference: Option<usize>,
-    /// The first clock that the MainDevice let lead in its place.
+    /// The first clock that the MainDevice elected in its place.
     pub elected: Option<usize>,
 }
 
-/// What was seen of one SubDevice since something was gone.
+/// Observations of one SubDevice since the begin of the fault.
 #[derive(Clone, Default, Debug)]
 pub(super) struct Device {
-    /// It was in OP before.
+    /// Whether it was in OP before.
     pub takes_part: bool,
     pub has_outputs: bool,
-    /// It has process data. Of one that has none, the frames that come back to the MainDevice count.
+    /// Whether it has process data. For one without, the frames that come back to the MainDevice
+    /// count.
     pub exchanges: bool,
     in_op: bool,
-    /// How it left OP first by itself: with a code, as it was neither asked to nor switched off.
+    /// How it first left OP by itself: with a code, since it was neither asked to nor switched off.
     pub left: Option<Left>,
     /// Largest SYNC0 error.
     pub sync0_worst: Option<Picos>,
     /// The longest time in OP without process data.
     pub pause: Picos,
-    /// When that time ended, if it did by process data that came.
+    /// End of that time, if process data ended it.
     pub exchanged_again: Option<Time<True>>,
     exchanged: Option<Time<True>>,
-    /// When the MainDevice first gave it up, and when it last took it up again.
+    /// When the MainDevice first gave it up, and when it last re-admitted it.
     pub lost: Option<(Time<True>, Option<Time<True>>)>,
-    /// Why the MainDevice did not get it back; forgotten when it does.
+    /// Why the MainDevice could not re-admit it; cleared when it succeeds.
     pub refused: Option<String>,
 }
 
@@ -55,7 +56,7 @@ pub(super) struct Left {
 #[derive(Debug)]
 pub(super) struct Onlooker {
     seen: Seen,
-    /// When something is gone; before the judging begins that is not known.
+    /// Begin of the fault; unknown before judging begins.
     from: Option<Time<True>>,
     last_change: Time<True>,
 }
@@ -67,7 +68,7 @@ impl Onlooker {
     }
 }
 
-/// The onlooker, shared with the case that asks it afterwards.
+/// The observer, shared with the case that queries it afterwards.
 #[derive(Clone)]
 pub(super) struct Shared(Rc<RefCell<Onlooker>>);
 
@@ -80,12 +81,13 @@ impl Shared {
         self.0.borrow_mut().from = Some(gone);
     }
 
-    /// When a SubDevice changed its state last.
+    /// Time of the last state change of any SubDevice.
     pub fn last_change(&self) -> Time<True> {
         self.0.borrow().last_change
     }
 
-    /// Whether the MainDevice does not count on a SubDevice, which may stay in OP and show no sign of it.
+    /// Whether the MainDevice has given up a SubDevice, which may stay in OP and show no sign of
+    /// it.
     pub fn is_one_given_up(&self) -> bool {
         let given_up = |device: &Device| device.lost.is_some_and(|(_, again)| again.is_none());
         self.0.borrow().seen.devices.iter().any(given_up)
@@ -205,7 +207,7 @@ impl Device {
         self.exchanged = Some(at);
     }
 
-    /// Process data have not come since they came last; whether that is the longest time so far.
+    /// Takes the time since the last process data. Returns whether it is the longest so far.
     fn pauses(&mut self, at: Time<True>, from: Time<True>) -> bool {
         let Some(since) = self.exchanged.filter(|_| at >= from) else { return false };
         let is_longest = at - since > self.pause;

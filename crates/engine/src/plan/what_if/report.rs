@@ -1,4 +1,5 @@
-//! What became of each SubDevice in each case, as a document. What is measured is so in true time, unless it is said otherwise.
+//! The effects on each SubDevice in each case, as a document. Measurements are in true time unless
+//! stated otherwise.
 
 use isocat_wire::AlState;
 use schemars::JsonSchema;
@@ -6,15 +7,15 @@ use serde::Serialize;
 
 use crate::report::typed;
 
-/// What becomes of a segment when one cable or the power of one SubDevice goes for a time.
+/// Effects on a segment when one cable or the power of one SubDevice fails for a time.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct WhatIf {
     /// Seed of all randomness.
     pub seed: u64,
-    /// How long the cable or the power is gone.
+    /// Duration of the fault.
     pub gone_ns: i64,
-    /// How long all have been in OP before.
+    /// Time in which all have been in OP before the fault.
     pub before_ns: i64,
     /// Position of the SubDevice whose clock leads; null without clocks.
     pub reference: Option<usize>,
@@ -22,13 +23,13 @@ pub struct WhatIf {
     pub recovers: bool,
     /// Names of all SubDevices in the segment file, by position.
     pub names: Vec<String>,
-    /// Why there are no cases: the way up failed, without anything that went. Null if it did not.
+    /// Why there are no cases: the way up failed without any fault. Null if it did not.
     pub failure: Option<String>,
     /// The cases: one run of the segment each.
     pub cases: Vec<Case>,
 }
 
-/// What goes.
+/// The kind of fault.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(inline)]
@@ -39,22 +40,23 @@ pub enum Gone {
     Power,
 }
 
-/// One thing that goes, and comes back.
+/// One fault, which ends after a time.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Case {
-    /// What goes.
+    /// The kind of fault.
     pub what: Gone,
     /// Position of the SubDevice to which the cable leads, or that loses its power.
     pub device: usize,
-    /// What becomes of the clock that leads, as the MainDevice has it.
+    /// The effect on the clock that leads, as seen by the MainDevice.
     pub clocks: Clocks,
-    /// Position of the SubDevice whose clock leads in place of the reference clock; null if none does.
+    /// Position of the SubDevice whose clock leads in place of the reference clock; null if none
+    /// does.
     pub leads: Option<usize>,
-    /// From when it is back until all SubDevices are in OP and in sync, 0 if they never were not; null: they are not by
-    /// themselves.
+    /// Time from the end of the fault until all SubDevices are in OP and in sync, 0 if they always
+    /// were; null if they do not return by themselves.
     pub in_sync_ns: Option<i64>,
-    /// What becomes of each SubDevice, by position.
+    /// The effect on each SubDevice, by position.
     pub devices: Vec<Fate>,
 }
 
@@ -63,17 +65,18 @@ pub struct Case {
 #[serde(rename_all = "kebab-case")]
 #[schemars(inline)]
 pub enum Clocks {
-    /// There are none.
+    /// There are no clocks.
     None,
-    /// The reference clock goes on to lead.
+    /// The reference clock continues to lead.
     Lead,
-    /// Another one leads in its place until it is back; the time goes on.
+    /// Another clock leads in its place until it is back; the system time continues.
     TakenOver,
-    /// The reference clock goes, and the MainDevice reaches none that could lead in its place.
+    /// The reference clock is lost, and the MainDevice reaches no clock that could lead in its
+    /// place.
     Lost,
 }
 
-/// What becomes of one SubDevice.
+/// The effect on one SubDevice.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Fate {
@@ -81,32 +84,34 @@ pub struct Fate {
     pub position: usize,
     /// Whether it has outputs.
     pub outputs: bool,
-    /// What becomes of it.
+    /// The outcome.
     pub outcome: Outcome,
-    /// From when something was gone until it left OP by itself, or until the first sign that it was not in sync; null where
-    /// there is none.
+    /// Time from the begin of the fault until it left OP by itself, or until the first sign that it
+    /// was not in sync; null if there is none.
     pub after_ns: Option<i64>,
-    /// The state that it went to by itself; null if it did not.
+    /// The state that it changed to by itself; null if it did not.
     #[serde(serialize_with = "typed::some_text")]
     #[schemars(with = "Option<String>")]
     pub state: Option<AlState>,
-    /// Why: register 0x0134; null if it did not.
+    /// The reason, register 0x0134; null if it did not.
     pub code: Option<u16>,
-    /// How long it was in OP with the process data of the last frame: its outputs stayed as they were. Null where it
-    /// exchanged process data all the time or lost its power.
+    /// How long it was in OP with the process data of the last frame: its outputs kept their
+    /// values. Null if it exchanged process data all the time or lost its power.
     pub held_ns: Option<i64>,
-    /// Largest SYNC0 error against the clock that leads, from when something was gone to the end of the run; null without
-    /// SYNC0, and while no clock leads.
+    /// Largest SYNC0 error against the clock that leads, from the begin of the fault to the end of
+    /// the run; null without SYNC0, and while no clock leads.
     pub sync0_worst_ns: Option<f64>,
-    /// From when what was gone is back until it is in OP and in sync, 0 if it was by then; null: it is not by itself.
+    /// Time from the end of the fault until it is in OP and in sync, 0 if it already was; null if
+    /// it does not return by itself.
     pub in_sync_ns: Option<i64>,
     /// Why it is not in sync again; null if it is.
     pub not_back: Option<NotBack>,
-    /// What went wrong last when the MainDevice tried to get it back; null where it did not or where that went well.
+    /// The last error when the MainDevice tried to bring it back; null if it did not try or
+    /// succeeded.
     pub why: Option<String>,
 }
 
-/// What becomes of a SubDevice.
+/// The outcome for a SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(inline)]
@@ -115,28 +120,28 @@ pub enum Outcome {
     InSync,
     /// It stays in OP and has no process data that could be late.
     Idle,
-    /// It stays in OP and exchanges process data, and there is a sign that it is not in sync.
+    /// It stays in OP and exchanges process data, but a sign shows that it is not in sync.
     OutOfSync,
-    /// It stays in OP without process data: neither its watchdog nor a check of its own takes it out. To take it up again, the
-    /// MainDevice may.
+    /// It stays in OP without process data: neither its watchdog nor another check of its own makes
+    /// it leave. The MainDevice may re-admit it.
     CutOff,
-    /// It leaves OP by itself; its outputs go safe, if it has any.
+    /// It leaves OP by itself; its outputs, if any, become safe.
     LeftOp,
-    /// It is the one without power.
+    /// It is the SubDevice without power.
     WithoutPower,
-    /// It was not in sync before: nothing is known of the case.
+    /// It was not in sync before, so the case has no result.
     NotBefore,
-    /// It may be absent, and was not there.
+    /// It may be absent, and was absent.
     Absent,
 }
 
 impl Outcome {
-    /// Whether nothing becomes of it.
+    /// Whether there is no effect.
     pub fn is_calm(&self) -> bool {
         matches!(self, Self::InSync | Self::Idle | Self::Absent)
     }
 
-    /// Whether it was in OP without process data before, or as long as, something was gone.
+    /// Whether it was in OP without process data before or during the fault.
     pub(super) fn has_held(&self) -> bool {
         matches!(self, Self::CutOff | Self::LeftOp)
     }
@@ -147,11 +152,11 @@ impl Outcome {
 #[serde(rename_all = "kebab-case")]
 #[schemars(inline)]
 pub enum NotBack {
-    /// It answers, and is not brought back to OP: the key `recovery` is "never".
+    /// It answers, but is not brought back to OP: the key `recovery` is "never".
     RecoveryOff,
-    /// The MainDevice tried, and could not.
+    /// The MainDevice tried, and failed.
     Refused,
-    /// The MainDevice does not count on it again.
+    /// The MainDevice has not re-admitted it.
     NotFound,
     /// There were signs that it is not in sync up to the end.
     StillOut,

@@ -1,4 +1,4 @@
-//! The cases in words: SubDevices of which the same became stand together.
+//! The cases in words; SubDevices with the same outcome are grouped.
 
 use std::fmt::{self, Write};
 
@@ -10,12 +10,12 @@ use isocat_wire::{AlState, AlStatusCode};
 use super::report::{Case, Clocks, Fate, Gone, NotBack, Outcome, WhatIf};
 use crate::report::{BAD, GOOD};
 
-/// What became of some SubDevices of a case.
+/// The outcome for some SubDevices of a case.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Row {
-    /// Their positions: `0..3, 5`.
+    /// Their positions, such as `0..3, 5`.
     pub devices: String,
-    /// What became of them.
+    /// The outcome.
     pub what: String,
     /// When they are in sync again.
     pub again: String,
@@ -28,7 +28,7 @@ const DEVICES: usize = 9;
 const WHAT: usize = 44;
 
 impl WhatIf {
-    /// `cable to 1 (axis 1)`.
+    /// The fault as text, such as `cable to 1 (axis 1)`.
     pub fn goes(&self, case: &Case) -> String {
         let what = match case.what {
             Gone::Cable => "cable to",
@@ -38,7 +38,7 @@ impl WhatIf {
         format!("{what} {} ({name})", case.device)
     }
 
-    /// What is tried, in one line.
+    /// The settings in one line.
     pub fn head(&self) -> String {
         let (gone, before, seed) = (Nanos(self.gone_ns), Nanos(self.before_ns), self.seed);
         format!(
@@ -46,7 +46,7 @@ impl WhatIf {
         )
     }
 
-    /// What became of the SubDevices of a case: one row for those of which the same became.
+    /// The outcomes for the SubDevices of a case: one row for those with the same outcome.
     pub fn rows(&self, case: &Case) -> Vec<Row> {
         let mut alike: Vec<Vec<&Fate>> = Vec::new();
         for fate in &case.devices {
@@ -58,7 +58,7 @@ impl WhatIf {
         alike.iter().map(|group| row(group)).collect()
     }
 
-    /// What becomes of the clock that leads, where it does not just go on.
+    /// The effect on the clock that leads, if there is one.
     pub fn clocks(&self, case: &Case) -> Option<String> {
         let reference = self.reference?;
         match case.clocks {
@@ -73,7 +73,7 @@ impl WhatIf {
         }
     }
 
-    /// What a reader needs for the table.
+    /// Notes that explain the table.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = vec![
             "in sync again: from when the cable or the power is back until they are in OP and without a sign of \
@@ -156,7 +156,7 @@ impl WhatIf {
     }
 }
 
-/// Whether the same became of both, whatever their figures.
+/// Whether both have the same outcome, whatever their figures.
 fn is_like(one: &Fate, other: &Fate) -> bool {
     let has_sync0 = |fate: &Fate| fate.outcome == Outcome::InSync && fate.sync0_worst_ns.is_some();
     let key = |fate: &Fate| (fate.outcome, fate.state, fate.code, fate.outputs, has_sync0(fate));
@@ -207,7 +207,7 @@ fn row(group: &[&Fate]) -> Row {
     Row { devices: positions(group), what, again, stay_out }
 }
 
-/// `0..3, 5`.
+/// Positions as text, such as `0..3, 5`.
 fn positions(group: &[&Fate]) -> String {
     let mut spans: Vec<(usize, usize)> = Vec::new();
     for fate in group {
@@ -224,7 +224,7 @@ fn positions(group: &[&Fate]) -> String {
     words.collect::<Vec<_>>().join(", ")
 }
 
-/// To three digits: more would be those of one seed.
+/// A time rounded to three digits: more would depend on the seed.
 fn round(ns: i64) -> String {
     let mut step = 1;
     while ns / step >= 1_000 {

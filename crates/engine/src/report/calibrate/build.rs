@@ -1,4 +1,4 @@
-//! From what was measured to the document.
+//! Builds the document from the measurements.
 
 use isocat_esc::DriftLaw;
 use isocat_wire::dc::DifferencePolarity;
@@ -10,7 +10,7 @@ use super::{
 use crate::calibrate::{self, Calibration, Judgement, PortKind, Times, Verdict};
 
 impl CalibrationReport {
-    /// `place`: segment file or interface.
+    /// The report of a calibration; `place` is the segment file or interface.
     pub fn new(place: &str, found: &Calibration) -> Self {
         let devices: Vec<Device> =
             found.devices.iter().map(|one| device(one, found.reference)).collect();
@@ -168,7 +168,7 @@ fn spread(spread: &calibrate::Spread, count: usize, from: &'static str) -> Sprea
     }
 }
 
-/// Times by polling: they may be too long by the time between two looks.
+/// Times by polling: they may be too long by the time between two polls.
 fn timed(times: &Times, from: &'static str) -> Spread {
     let of = spread(&times.spread, times.count, from);
     Spread { error: thousandth(of.error.hypot(times.grain)), ..of }

@@ -1,15 +1,15 @@
-//! What was told of chips: as keys of a device profile, and as a file for `--chips`.
+//! The determined properties of chips, as keys of a device profile and as a file for `--chips`.
 
 use super::{CalibrationReport, Device};
 
 /// Why there is no fragment.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum NoFragment {
-    /// No device has this position, or its law and sign were not told.
+    /// No device has this position, or its law and sign were not determined.
     NotTold(usize),
-    /// Several clocks were told, and they differ.
+    /// Several clocks were determined, and they differ.
     Differ(Vec<usize>),
-    /// Of no clock were law and sign told.
+    /// Law and sign were not determined for any clock.
     None,
 }
 
@@ -29,8 +29,8 @@ impl std::fmt::Display for NoFragment {
 }
 
 impl CalibrationReport {
-    /// The section `[esc]` of a device profile, without its other keys: of the clock at `position`,
-    /// or of all clocks if they are alike.
+    /// The section `[esc]` of a device profile, without its other keys: that of the clock at
+    /// `position`, or of all clocks if they are equal.
     pub fn profile(&self, position: Option<usize>) -> Result<String, NoFragment> {
         let wanted = |device: &&Device| position.is_none_or(|position| device.position == position);
         let told: Vec<(&Device, String)> = self
@@ -57,7 +57,7 @@ impl CalibrationReport {
         Ok(text + &misfit(first) + "[esc]\n" + keys)
     }
 
-    /// What was told of each chip, for `--chips` of `plan`, `run` and `serve`.
+    /// The determined properties of each chip, for `--chips` of `plan`, `run` and `serve`.
     pub fn chips(&self) -> String {
         let mut text = format!(
             "# Measured by isocat calibrate on {}. Take it beside a segment file of the same devices:\n\
@@ -80,7 +80,7 @@ impl CalibrationReport {
     }
 }
 
-/// How well the law fits, as a comment.
+/// The fit of the law, as a comment.
 fn misfit(device: &Device) -> String {
     let Some(fit) = device.law.as_ref().and_then(|law| law.fits.first()) else {
         return String::new();
@@ -92,7 +92,7 @@ fn misfit(device: &Device) -> String {
     format!("# Misfit {:.2} standard deviations{measured}.\n", fit.misfit)
 }
 
-/// What is known of EEPROM and ports.
+/// The measured properties of EEPROM and ports.
 fn times(device: &Device) -> String {
     let mut text = String::new();
     if let Some(read) = &device.eeprom_read {
@@ -110,7 +110,7 @@ fn times(device: &Device) -> String {
     text
 }
 
-/// The keys of one clock; `None` if something of it was not told.
+/// The keys of one clock; `None` if one of them was not determined.
 fn keys(device: &Device) -> Option<String> {
     let law = device.law.as_ref()?;
     let mut text = format!("drift_law = \"{}\"\n", law.name?);

@@ -1,4 +1,4 @@
-//! From the outcome of a run on an interface to the report.
+//! Builds the report from the outcome of a run on an interface.
 
 use isocat_host::Histogram;
 use isocat_maindevice::segment::SubDevice;
@@ -18,20 +18,20 @@ use crate::report::typed::{KindDocument, StateRead};
 use crate::report::words::{self, Family};
 use crate::verdict::{self, Answer, Readings};
 
-/// What was asked of the run, for its report.
+/// The settings of the run, for its report.
 #[derive(Clone, Copy, Debug)]
 pub struct Asked<'a> {
     /// Network interface.
     pub interface: &'a str,
     /// Its network namespace.
     pub namespace: Option<&'a str>,
-    /// Where the expected segment was described; `None`: take what is there.
+    /// File with the description of the expected segment; `None` if any segment is accepted.
     pub segment_file: Option<&'a str>,
     /// Bus cycle.
     pub cycle: Nanos,
     /// Time in operation.
     pub duration: Nanos,
-    /// Lateness that the plan keeps free.
+    /// Lateness that the plan allows.
     pub jitter: Nanos,
 }
 
@@ -93,7 +93,7 @@ impl From<&job::Machine> for Machine {
 }
 
 impl Machine {
-    /// Whether something keeps this machine from being as punctual as it could be.
+    /// Whether a setting makes this machine less punctual than possible.
     pub fn harms_punctuality(&self) -> bool {
         !self.harms.is_empty() || !self.refused.is_empty()
     }
@@ -115,7 +115,7 @@ impl Unknown {
 }
 
 impl Unknown {
-    /// What is not known, with the device it concerns.
+    /// What is not known, as a sentence with the device it concerns.
     pub fn sentence(&self) -> String {
         match (&self.device, self.position) {
             (Some(name), Some(position)) => format!("SubDevice {position} ({name}): {}", self.what),
@@ -217,7 +217,8 @@ fn device(outcome: &Outcome, position: usize) -> InterfaceDevice {
     }
 }
 
-/// What was read at the end. Of a way up that failed, what was read last: in operation that would be old.
+/// The registers read at the end; if the way up failed, those that were read last. In operation the
+/// latter would be too old.
 fn registers(found: &SubDevice, at_end: &Readings, operated: bool) -> DeviceRegisters {
     let last = (found.al_status, found.al_code);
     let status = at_end.status.or((!operated).then_some(last));
@@ -243,7 +244,7 @@ fn harm(finding: &isocat_host::preflight::Finding) -> Harm {
     Harm { what, source, advice }
 }
 
-/// A series with its distribution; none if it is empty.
+/// A series with its distribution; `None` if it is empty.
 fn series(histogram: &Histogram) -> Option<Series> {
     let span = summary(histogram.summary())?.span();
     let (within, beyond) = histogram.buckets(LIMITS);

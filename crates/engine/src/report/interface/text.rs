@@ -15,8 +15,7 @@ use crate::report::words::seconds;
 use crate::verdict::Answer;
 
 impl InterfaceReport {
-    /// The report as text, with ANSI styles; print it through a stream that strips them where they
-    /// are not wanted.
+    /// The report as text, with ANSI styles; print it through a stream that strips them if needed.
     pub fn text(&self) -> String {
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -51,7 +50,8 @@ impl InterfaceReport {
         self.write_notes(out)
     }
 
-    /// What is not known: first what leaves the answer open, then in one line what no wire shows.
+    /// Writes what is not known: first what leaves the answer open, then in one line what no wire
+    /// shows.
     fn write_unknown(&self, out: &mut String) -> fmt::Result {
         for unknown in self.unknown.iter().filter(|unknown| unknown.decides).take(MOST_DEVICES) {
             for line in wrap(&format!("not known: {}", unknown.sentence()), WIDTH) {
@@ -198,7 +198,7 @@ impl InterfaceReport {
 }
 
 impl Machine {
-    /// What a look at the machine says, with ANSI styles; `cycle` is that of the wake-ups.
+    /// The check of the machine as text, with ANSI styles; `cycle` is that of the wake-ups.
     pub fn text(&self, cycle: Nanos) -> String {
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -236,7 +236,7 @@ impl Machine {
     }
 }
 
-/// A span with three or four figures.
+/// A span to three or four digits.
 fn show(ns: f64) -> String {
     match ns.abs() {
         size if size < 1e3 => format!("{ns:.0} ns"),
@@ -245,14 +245,14 @@ fn show(ns: f64) -> String {
     }
 }
 
-/// Half of a series, most of it, all of it.
+/// Median, 99 % quantile and maximum of a series.
 fn quantiles(series: &Series) -> String {
     let Series { span, p50_ns, p99_ns, .. } = series;
     let (half, most) = (show(*p50_ns as f64), show(*p99_ns as f64));
     format!("p50 {half}, p99 {most}, max {}", show(span.max_ns))
 }
 
-/// Mean, spread and the worst of a series.
+/// Mean, deviation and worst value of a series.
 fn distribution(series: &Series) -> String {
     let Series { span, p99_ns, .. } = series;
     format!(

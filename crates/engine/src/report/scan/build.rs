@@ -1,4 +1,4 @@
-//! From what a scan found to its report.
+//! Builds the report of a scan.
 
 use isocat_maindevice::error::AccessError;
 use isocat_maindevice::segment::{self, Segment, SubDevice};
@@ -22,10 +22,10 @@ use super::{
 use crate::report::NoteKind;
 use crate::scan::{Failure, Scan};
 
-/// Where a scan looked.
+/// The place of a scan.
 #[derive(Clone, Copy, Debug)]
 pub enum Place<'a> {
-    /// A virtual segment, and where it was described.
+    /// A virtual segment, and the file with its description.
     Virtual(&'a str),
     /// An interface, and its network namespace.
     Interface(&'a str, Option<&'a str>),
@@ -328,7 +328,7 @@ fn state(status: AlStatus, code: AlStatusCode) -> State {
     }
 }
 
-/// Exact to the picosecond.
+/// A time in ns, exact to the picosecond.
 fn ns(time: Picos) -> f64 {
     time.0 as f64 / 1_000.0
 }

@@ -1,4 +1,4 @@
-//! What contradicts itself in a SubDevice, and what it leaves open.
+//! Contradictions and open questions of a SubDevice.
 
 mod sync_objects;
 
@@ -15,23 +15,23 @@ use crate::report::NoteKind;
 
 use super::esc::{PortKind, sync_manager_use};
 
-/// How much of a SubDevice was read.
+/// The parts of a SubDevice that were read.
 #[derive(Clone, Copy)]
 pub(super) struct Known {
-    /// Its SII.
+    /// Whether its SII was read.
     pub sii: bool,
-    /// Objects that it has.
+    /// Whether some of its objects were read.
     pub objects: bool,
-    /// All of them that were asked for.
+    /// Whether all requested objects were read.
     pub all_objects: bool,
 }
 
-/// What is to say about one SubDevice.
+/// The notes on one SubDevice.
 #[derive(Default)]
 pub(super) struct Doubts {
-    /// Two things that it says and that can't both be so: kind and words.
+    /// Contradictions: kind and words.
     pub contradictions: Vec<(NoteKind, String)>,
-    /// What is allowed and leaves a question open.
+    /// Allowed settings that leave a question open: kind and words.
     pub open: Vec<(NoteKind, String)>,
 }
 
@@ -61,7 +61,7 @@ impl Doubts {
         self.open.push((kind, what));
     }
 
-    /// What it did before the scan came.
+    /// Notes its state before the scan.
     fn state(&mut self, device: &SubDevice) {
         let Some((status, code)) = device.observed.state_before else { return };
         if status.error() {
@@ -236,8 +236,7 @@ impl Doubts {
     }
 }
 
-/// What lies where in the process RAM: name, first byte, behind the last. Three buffers lie one behind the
-/// other.
+/// The areas of the process RAM: name, first byte, end. Three buffers lie one behind the other.
 fn areas(device: &SubDevice) -> Vec<(String, u32, u32)> {
     let header = &device.sii.header;
     let mut areas = Vec::new();

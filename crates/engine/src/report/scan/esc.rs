@@ -40,7 +40,7 @@ pub(super) fn esc(device: &SubDevice) -> Esc {
     }
 }
 
-/// Register 0x0000.
+/// Name of an ESC type, register 0x0000.
 fn kind(kind: u8) -> &'static str {
     match kind {
         0x04 => "IP core",
@@ -52,7 +52,7 @@ fn kind(kind: u8) -> &'static str {
     }
 }
 
-/// Register 0x0140.
+/// Name of a PDI, register 0x0140.
 fn pdi(kind: u8) -> &'static str {
     match kind {
         0x00 => "none",
@@ -80,7 +80,8 @@ pub(super) fn dc(capability: DcCapability) -> &'static str {
     }
 }
 
-/// Register 0x0151: what either pin is, and whether its pulse reaches the PDI as an event.
+/// Register 0x0151 in words: the use of either pin, and whether its pulse reaches the PDI as an
+/// event.
 fn pins(word: u8) -> Vec<String> {
     let pin = |number: u8, bits: u8| {
         let driver =
@@ -96,7 +97,7 @@ fn pins(word: u8) -> Vec<String> {
     vec![pin(0, word & 0x0F), pin(1, word >> 4)]
 }
 
-/// What a port is, by register 0x0007.
+/// Kind of a port, register 0x0007.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PortKind {
     /// There is no such port.
@@ -110,7 +111,7 @@ pub enum PortKind {
 }
 
 impl PortKind {
-    /// Of one port in the descriptor.
+    /// The kind of one port in the descriptor.
     pub(super) fn of(descriptor: u8, port: PortNumber) -> Self {
         let all = [Self::None, Self::NotConfigured, Self::Ebus, Self::Mii];
         all[usize::from(descriptor >> (2 * port.index()) & 3)]
@@ -133,7 +134,7 @@ impl fmt::Display for PortKind {
     }
 }
 
-/// A control byte of a SyncManager.
+/// A control byte of a SyncManager in words.
 pub(super) fn control(control: u8) -> String {
     let manager = SyncManager::new(0, 0, control, true);
     let mut text = String::from(match control & 3 {
@@ -152,7 +153,7 @@ pub(super) fn control(control: u8) -> String {
     text
 }
 
-/// What a SyncManager is for.
+/// The use of a SyncManager in words.
 pub(super) fn sync_manager_use(kind: u8) -> String {
     match kind {
         sm_type::UNUSED => "unused".to_owned(),
@@ -170,7 +171,7 @@ pub(super) fn protocols(header: &Header) -> Vec<String> {
 }
 
 /// The bit of a protocol in word 0x1C of the SII, by its word in the document: `CoE`, or `bit 6`
-/// where it has none.
+/// for one without a name.
 pub fn protocol(word: &str) -> Option<u16> {
     (0..16)
         .map(|bit| 1 << bit)
@@ -190,14 +191,14 @@ fn words(table: &[(u16, &str)], word: u16) -> Vec<String> {
     named.chain(unknown.map(|bit| format!("bit {bit}"))).collect()
 }
 
-/// Of the pulse length, ns.
+/// Tick of the pulse length, ns.
 const TICK: i64 = 10;
-/// 0x0141.
+/// Bit of register 0x0141.
 const SYNC_UNIT: u8 = 1 << 2;
-/// 0x0141.
+/// Bit of register 0x0141.
 const LATCH_UNIT: u8 = 1 << 3;
 
-/// Register 0x0008.
+/// Bits of register 0x0008.
 const FEATURES: [(u16, &str); 12] = [
     (features::FMMU_BYTEWISE, "FMMUs byte-wise"),
     (1 << 1, "unused registers can be accessed"),
@@ -251,7 +252,8 @@ mod tests {
         assert_eq!(control(0x22), "mailbox, MainDevice reads, AL event");
     }
 
-    /// Values of published SII images: both pins SYNC outputs with and without the event, and one of each.
+    /// Values of published SII images: both pins SYNC outputs with and without the event, and one
+    /// of each.
     #[test]
     fn pins_of_real_devices() {
         assert_eq!(

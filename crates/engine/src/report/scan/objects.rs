@@ -54,7 +54,7 @@ fn in_words(object: &FoundObject, entry: &Found) -> String {
     }
 }
 
-/// What is doubtful in one entry by itself and what it stands beside.
+/// The doubt about one entry, by itself and with its neighbours.
 fn doubt(device: &SubDevice, index: u16, object: &FoundObject, entry: &Found) -> Option<String> {
     let bytes = entry.value.as_ref().ok()?;
     if let Some(bits) = wrong_length(entry) {
@@ -90,14 +90,14 @@ fn doubt(device: &SubDevice, index: u16, object: &FoundObject, entry: &Found) ->
     }
 }
 
-/// The bits that SDO information promises, where the value has another number of bytes.
+/// The number of bits in SDO information, if the value has another number of bytes.
 pub(super) fn wrong_length(entry: &Found) -> Option<u16> {
     let (description, _) = entry.description.as_ref()?;
     let bytes = entry.value.as_ref().ok()?;
     (bytes.len() != usize::from(description.bits).div_ceil(8)).then_some(description.bits)
 }
 
-/// Why the type that 01 shows is none of those that 04 announces.
+/// Why sub-index 04 does not announce the type in sub-index 01.
 pub(super) fn shown_type(shown: SyncType, announced: SupportedTypes) -> Option<String> {
     let fits = match shown {
         SyncType::FREE_RUN => announced.free_run(),
@@ -109,7 +109,7 @@ pub(super) fn shown_type(shown: SyncType, announced: SupportedTypes) -> Option<S
     (!fits && announced.0 & MODES != 0).then(|| "not among those that 04 announces".to_owned())
 }
 
-/// What a time of 0 means that nothing can do in no time.
+/// Meaning of a time of 0 for an action that always takes time.
 pub(super) fn not_stated(object: &FoundObject) -> &'static str {
     match object.values.supported.is_some_and(SupportedTypes::dynamic_times) {
         true => "0, not stated: measured in OP",
@@ -117,7 +117,7 @@ pub(super) fn not_stated(object: &FoundObject) -> &'static str {
     }
 }
 
-/// Whether a time of 0 says nothing: a mode that is announced needs it.
+/// Whether a time of 0 is not stated: an announced mode requires it.
 pub(super) fn is_unstated(device: &SubDevice, index: u16, object: &FoundObject, sub: u8) -> bool {
     let synchronized = columns(object.values.supported.unwrap_or_default())
         .any(|column| column != Column::FreeRun && is_mandatory(index, sub, column));
@@ -128,19 +128,19 @@ pub(super) fn is_unstated(device: &SubDevice, index: u16, object: &FoundObject, 
     in_use && synchronized && NOT_STATED_AS_0.contains(&sub)
 }
 
-/// Whether copying takes longer than the shortest cycle that is stated, both being stated.
+/// Whether copying takes longer than the minimum cycle, if both are stated.
 pub(super) fn copies_too_long(object: &FoundObject) -> bool {
     let stated = |time: Option<Nanos>| time.filter(|time| *time > Nanos::ZERO);
     let copy = stated(object.values.calc_and_copy_time);
     copy.zip(stated(object.values.minimum_cycle_time)).is_some_and(|(copy, cycle)| copy > cycle)
 }
 
-/// Whether a mode asks for a sub-index without a condition.
+/// Whether a mode requires a sub-index without a condition.
 pub(super) fn is_mandatory(index: u16, sub: u8, column: Column) -> bool {
     table::lookup(index, sub, column).is_some_and(|cell| cell.need == table::Need::Mandatory)
 }
 
-/// The modes that 04 announces, as the tables have them.
+/// The modes that sub-index 04 announces, as columns of the tables.
 pub(super) fn columns(types: SupportedTypes) -> impl Iterator<Item = Column> {
     let local = types.shift() == ShiftBy::LocalTimer;
     [
@@ -155,7 +155,7 @@ pub(super) fn columns(types: SupportedTypes) -> impl Iterator<Item = Column> {
     .flatten()
 }
 
-/// What counts errors, and the error itself.
+/// Sub-indices of the error counters, and of the error itself.
 pub(super) const COUNTERS: [u8; 4] =
     [sub::SM_EVENT_MISSED, sub::CYCLE_TIME_TOO_SMALL, sub::SHIFT_TIME_TOO_SHORT, sub::SYNC_ERROR];
 /// Bits of sub-index 04 that are modes.
@@ -175,6 +175,6 @@ const TIMES: [u8; 11] = [
     sub::MAXIMUM_SM_SYNC_DISTANCE,
 ];
 
-/// Times that nothing can do in 0 ns.
+/// Times that cannot really be 0 ns.
 pub(super) const NOT_STATED_AS_0: [u8; 3] =
     [sub::MINIMUM_CYCLE_TIME, sub::CALC_AND_COPY_TIME, sub::DELAY_TIME];

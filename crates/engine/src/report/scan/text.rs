@@ -9,19 +9,18 @@ use isocat_descriptions::columns::{WIDTH, cut, cut_front, wrap};
 use super::{Delay, Device, Note, ScanReport};
 use crate::report::{BAD, GOOD, QUIET};
 
-/// SubDevices that are told one by one without being asked for.
+/// Above this number of SubDevices, the details of each are shown only on request.
 const MOST_IN_FULL: usize = 6;
-/// Rows of a table, and notes, that a reader wants to see.
+/// Largest number of rows of a table, and of notes.
 const MOST_ROWS: usize = 64;
 const MOST_NOTES: usize = 16;
 /// Columns for tree and name.
 const TREE: usize = 46;
-/// Deeper branches are not indented further.
+/// Largest indentation of branches.
 const DEEPEST: usize = 8;
 
 impl ScanReport {
-    /// The report as text, with ANSI styles; print it through a stream that strips them where they are not
-    /// wanted.
+    /// The report as text, with ANSI styles; print it through a stream that strips them if needed.
     /// With `only`, all details of that SubDevice and nothing else.
     pub fn text(&self, only: Option<usize>) -> String {
         let mut text = String::new();
@@ -133,8 +132,8 @@ impl ScanReport {
         Ok(())
     }
 
-    /// The rows of a SubDevice and all behind it. The last branch goes on in the same column, so that a line stays
-    /// a line; the others are indented.
+    /// The rows of a SubDevice and all behind it. The last branch continues in the same column, so
+    /// that a line stays a line; the others are indented.
     fn branch(&self, first: usize, columns: &mut Vec<bool>, rows: &mut Vec<(String, usize)>) {
         let mut at = Some(first);
         while let Some(here) = at {
@@ -159,7 +158,7 @@ impl ScanReport {
         }
     }
 
-    /// What hangs on a SubDevice, in the order in which frames visit its ports.
+    /// The children of a SubDevice, in the order in which frames visit its ports.
     fn below(&self, device: &Device) -> Vec<usize> {
         let entry = device.ports.iter().find(|port| port.entry).map_or(0, |port| port.port);
         let first = ORDER.iter().position(|port| *port == entry).unwrap_or(0);
@@ -210,5 +209,5 @@ fn short_delay(delay: &Delay) -> String {
     }
 }
 
-/// Frames pass the ports in this order.
+/// Order in which frames pass the ports.
 const ORDER: [usize; 4] = [0, 3, 1, 2];

@@ -1,4 +1,4 @@
-//! `--annotate`: a copy of the captures with what was found as comments at their packets.
+//! `--annotate`: a copy of the captures with the findings as comments at their packets.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -11,7 +11,7 @@ use super::progress;
 use crate::cli::output::Output;
 use crate::cli::run::unwritable;
 
-/// What a copy has.
+/// The content of a copy.
 #[derive(Default)]
 struct Done {
     packets: usize,
@@ -19,8 +19,8 @@ struct Done {
     without_place: usize,
 }
 
-/// Why no copy can be made to `path`, before anything is read: the captures are read once more for
-/// it, and must not be written over.
+/// Why no copy can be written to `path`, before anything is read: the captures are read a second
+/// time for it, and must not be overwritten.
 pub(super) fn refused(path: &Path, captures: &[PathBuf], report: Option<&Path>) -> Option<String> {
     if report == Some(path) {
         return Some(format!("--annotate {} would overwrite the report", path.display()));
@@ -38,7 +38,7 @@ pub(super) fn refused(path: &Path, captures: &[PathBuf], report: Option<&Path>) 
     None
 }
 
-/// Writes the copy; says on standard error what is in it.
+/// Writes the copy; describes its content on standard error.
 pub(super) fn write(
     path: &Path,
     captures: &[PathBuf],

@@ -1,4 +1,4 @@
-//! What a new segment file is made of.
+//! The sources of a new segment file.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -15,14 +15,14 @@ use serde_json::Value;
 
 use super::super::eni_run::is_eni;
 
-/// A file in the making, and what to say beside it.
+/// A file under construction, and messages about it.
 pub(super) struct Made {
     pub file: NewFile,
     pub cycle_is_given: bool,
     pub notes: Vec<String>,
 }
 
-/// Makes the file of what was named; an error in words.
+/// Makes the file from the named sources; an error is a sentence.
 pub(super) fn collect(what: &[String], esi: &[PathBuf]) -> Result<Made, String> {
     let descriptions = virtual_segment::descriptions(esi).map_err(|error| error.to_string())?;
     match what {
@@ -81,7 +81,7 @@ fn of_types(types: &[String], descriptions: &[EsiFile]) -> Result<Made, String> 
     Ok(Made { file, cycle_is_given: false, notes })
 }
 
-/// A device by its type in the descriptions, else a built-in profile by its id or name.
+/// A device by its type in the descriptions, or else a built-in profile by its id or name.
 fn named(
     name: &str,
     descriptions: &[EsiFile],
@@ -135,7 +135,8 @@ fn device(name: &str, keys: Vec<String>) -> NewDevice {
     }
 }
 
-/// A device of a description, in the first OpMode with SYNC pulses that can be simulated, else in the first that can.
+/// A device of a description, in the first OpMode with SYNC pulses that can be simulated, or else
+/// in the first that can.
 fn of_description(file: &EsiFile, found: &EsiDevice) -> Result<(Arc<Profile>, NewDevice), String> {
     let modes = found.op_modes();
     let with_sync = (0..modes.len()).filter(|number| modes[*number].sync0());
@@ -270,7 +271,8 @@ fn of_scan(path: &str, descriptions: &[EsiFile]) -> Result<Made, String> {
     Ok(Made { file, cycle_is_given: false, notes })
 }
 
-/// Where the scan found a device: position and port of the one upstream, which comes before it.
+/// The place of a device by the scan: position and port of the one upstream, which must come before
+/// it.
 fn place(found: &Value, position: usize) -> Option<(usize, PortNumber)> {
     let above =
         usize::try_from(found["parent"].as_u64()?).ok().filter(|above| *above < position)?;
@@ -278,7 +280,7 @@ fn place(found: &Value, position: usize) -> Option<(usize, PortNumber)> {
     Some((above, PortNumber::ALL.get(port).copied()?))
 }
 
-/// The device of an identity: of its revision, else of the newest.
+/// The device of an identity: of its revision, or else of the newest.
 fn identified(
     (vendor, product, revision): (u32, u32, u32),
     name: &str,
@@ -309,14 +311,14 @@ fn identified(
     })
 }
 
-/// The cable of a hop of copper, by the delay that was measured: the rest is what ESC and PHYs take.
+/// The cable of a copper hop from the measured delay, less the delay of ESC and PHYs.
 fn metres(delay_ns: f64) -> u32 {
     ((delay_ns - HOP_NS) / NS_PER_METRE).round().clamp(0.0, MOST_METRES) as u32
 }
 
-/// ESC and two PHYs of a hop of copper, as docs/segment-file.md has them.
+/// Delay of ESC and two PHYs of a copper hop, as in docs/segment-file.md.
 const HOP_NS: f64 = 155.0 + 2.0 * 280.0;
 const NS_PER_METRE: f64 = 5.0;
 const MOST_METRES: f64 = 100.0;
-/// What is farther off is no crystal.
+/// A larger deviation is not that of a crystal.
 const MOST_PPM: f64 = 1_000.0;

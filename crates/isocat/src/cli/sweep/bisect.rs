@@ -1,4 +1,4 @@
-//! `--bisect`: the edge of a value.
+//! `--bisect`: the limit of a value.
 
 use std::fmt::Write as _;
 use std::io::IsTerminal;
@@ -8,7 +8,7 @@ use isocat_engine::sweep::{Bisection, Sweep, Tried};
 
 use crate::cli::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, print};
 
-/// Looks for it and tells it; gives the exit code.
+/// Looks for the limit and prints it; returns the exit code.
 pub(super) fn run(
     sweep: &Sweep,
     range: &str,
@@ -44,7 +44,7 @@ fn text(found: &Bisection) -> String {
     out
 }
 
-/// Both sides of the edge, or why there is none.
+/// Both sides of the limit, or why there is none.
 fn verdict(found: &Bisection) -> String {
     let (key, runs) = (&found.key, found.runs);
     let [first, .., last] = &found.tried[..] else {

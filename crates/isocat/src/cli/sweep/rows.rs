@@ -1,4 +1,4 @@
-//! The file with a row for each run: CSV, or Parquet where its name says so.
+//! The file with a row for each run: CSV, or Parquet if its name ends in .parquet.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, BufWriter, Read, Seek, Write};
@@ -10,14 +10,14 @@ use isocat_recorders::parquet::{Cell, Field, Kind, Writer};
 
 use crate::cli::run::unwritable;
 
-/// Where rows go.
+/// The file of the rows.
 pub(super) enum Rows {
     Csv(Csv),
     Parquet(Parquet),
 }
 
 impl Rows {
-    /// Begins a file, or goes on with one.
+    /// Begins a file, or continues one.
     pub fn open(path: &Path, sweep: &Sweep, resume: bool) -> Result<Self, String> {
         if !resume && path.exists() {
             return Err(format!(
@@ -36,7 +36,7 @@ impl Rows {
         }
     }
 
-    /// The run whose row comes next.
+    /// Number of the run whose row comes next.
     pub fn next(&self) -> u64 {
         match self {
             Self::Csv(csv) => csv.next,
@@ -51,7 +51,7 @@ impl Rows {
         }
     }
 
-    /// Ends the file.
+    /// Completes the file.
     pub fn finish(&mut self) -> Result<(), String> {
         match self {
             Self::Csv(_) => Ok(()),
@@ -60,7 +60,7 @@ impl Rows {
     }
 }
 
-/// Parquet: its table of contents comes at the end.
+/// Parquet, whose table of contents comes at the end.
 pub(super) struct Parquet {
     writer: Writer<BufWriter<File>>,
     /// Axes whose values are numbers.
@@ -68,7 +68,7 @@ pub(super) struct Parquet {
     path: PathBuf,
 }
 
-/// Rows of a row group: some 2 MB.
+/// Rows per row group: some 2 MB.
 const GROUP_ROWS: usize = 10_000;
 
 impl Parquet {
@@ -109,16 +109,16 @@ fn fields(sweep: &Sweep, whole: &[bool]) -> Vec<Field> {
     head.into_iter().chain(axes).chain(rest).collect()
 }
 
-/// CSV: it can be gone on with.
+/// CSV, which can be continued.
 pub(super) struct Csv {
     file: File,
     path: PathBuf,
-    /// The run whose row comes next.
+    /// Number of the run whose row comes next.
     next: u64,
 }
 
 impl Csv {
-    /// Begins a file, or goes on with one.
+    /// Begins a file, or continues one.
     fn open(path: &Path, sweep: &Sweep) -> Result<Self, String> {
         let wrong = |error: &std::io::Error| unwritable("rows", Some(path), error);
         let mut options = OpenOptions::new();
@@ -159,7 +159,7 @@ fn head(sweep: &Sweep) -> String {
     head + "\n"
 }
 
-/// The number of the next row of a file, and how many of its bytes are whole rows.
+/// The number of the next row of a file, and the length of its complete rows in bytes.
 fn last_row(file: &mut File, head: &str, path: &Path) -> Result<(u64, u64), String> {
     let unreadable = |error: std::io::Error| format!("{} can't be read: {error}", path.display());
     let mut reader = BufReader::new(file);
@@ -193,7 +193,7 @@ fn last_row(file: &mut File, head: &str, path: &Path) -> Result<(u64, u64), Stri
     }
 }
 
-/// A row is some 200 bytes.
+/// Limit of a row's length; a row has some 200 bytes.
 const LONGEST_ROW: u64 = 1 << 20;
 
 /// A cell of a CSV file, in one line.

@@ -1,4 +1,4 @@
-//! What a sweep comes to, for people and for programs.
+//! The results of a sweep, for people and for programs.
 
 use std::fmt::Write as _;
 
@@ -56,7 +56,7 @@ pub(super) fn table(
     out
 }
 
-/// Where the grid holds, point by point and in words.
+/// Writes where all runs of the grid were as expected, point by point and in words.
 fn write_frontier(out: &mut String, frontier: &Frontier) {
     let (sought, given) = (&frontier.sought, &frontier.given);
     let _ = writeln!(out, " as expected [%]: {} down, {} across", given.key, sought.key);
@@ -88,7 +88,7 @@ fn write_frontier(out: &mut String, frontier: &Frontier) {
     out.push('\n');
 }
 
-/// Columns of a frontier on a terminal.
+/// Largest number of columns of a frontier on a terminal.
 const MOST_COLUMNS: usize = 8;
 
 /// The totals for programs.

@@ -1,4 +1,4 @@
-//! The files of a run, shared by the segment that shows what happens and the command that ends
+//! The files of a run, shared by the segment, which fills them, and the command, which completes
 //! them.
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -20,14 +20,14 @@ impl SharedFiles {
         Self(Arc::new(Mutex::new(Some(files))))
     }
 
-    /// What writes them; `None` if there are none.
+    /// The tap that writes them; `None` if there are none.
     pub fn tap(&self) -> Option<Box<dyn Tap + Send>> {
         let files = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let wanted = files.as_ref().is_some_and(|files| !files.is_empty());
         wanted.then(|| Box::new(self.clone()) as _)
     }
 
-    /// Writes what is left.
+    /// Writes the rest.
     pub fn finish(&self) -> Result<(), String> {
         let files = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
         files.map_or(Ok(()), |files| files.finish().map(drop))

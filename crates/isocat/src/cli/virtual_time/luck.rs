@@ -1,4 +1,4 @@
-//! The bad luck of the program's machine, as the command line and measured files have it.
+//! Delays of the program's machine, from the command line and measured files.
 
 use std::path::Path;
 
@@ -7,13 +7,13 @@ use isocat_wire::time::Nanos;
 
 use crate::cli::run::duration;
 
-/// How late wake-ups come at worst; 0 is allowed: the file's host may have jitter.
+/// Largest lateness of wake-ups; 0 is allowed, since the file's host may have jitter.
 pub fn lateness(text: &str) -> Result<Nanos, String> {
     let none = quantity::parse_duration(text).is_ok_and(|time| time == Nanos::ZERO);
     if none { Ok(Nanos::ZERO) } else { duration(text) }
 }
 
-/// `1000:300us`: one of a thousand, up to 300 us.
+/// `1000:300us`: one call in a thousand, up to 300 us.
 pub fn preemption(text: &str) -> Result<(u64, Nanos), String> {
     let expected = "expected one of so many calls and the longest time, as 1000:300us";
     let (one_of, time) = text.split_once(':').ok_or(expected)?;
@@ -22,11 +22,11 @@ pub fn preemption(text: &str) -> Result<(u64, Nanos), String> {
     Ok((one_of, time))
 }
 
-/// Values of a histogram, one for each microsecond of a cyclictest that was told -h.
+/// Largest number of values in a histogram, one for each microsecond of a cyclictest with -h.
 const MOST_VALUES: usize = 1_000_000;
 
-/// Reads a histogram of latencies: each line a number of microseconds and how often it was seen, of
-/// one or of several threads; `#` begins a remark.
+/// Reads a histogram of latencies: each line is a number of microseconds and its count, for one or
+/// several threads; `#` begins a comment.
 pub fn histogram(path: &Path) -> Result<Vec<(Nanos, u64)>, String> {
     let at = |line: usize, what: &str| {
         format!(

@@ -1,4 +1,4 @@
-//! What a program came to: in words, as JSON, as an exit code.
+//! The outcome of a program: in words, as JSON, as an exit code.
 
 use isocat_serve::Summary;
 use isocat_serve::summary::Outcome;
@@ -7,11 +7,11 @@ use serde_json::{Value, json};
 
 use crate::cli::{IN_SYNC, NOT_IN_SYNC, NOT_KNOWN};
 
-/// Nothing is wrong with synchronization, but the program itself failed.
+/// Synchronization has no fault, but the program itself failed.
 pub const PROGRAM_FAILED: u8 = 4;
 
-/// The exit code: what is expected of the segment, or its last session where nothing is, and then
-/// the program.
+/// The exit code: by the expectations of the segment, or without any by its last session, and then
+/// by the program.
 pub fn exit_code(summary: &Summary, ended: &Ended) -> u8 {
     let answer = summary.sessions.last().map(|session| session.answer);
     let judged = match (summary.outcome(), answer) {
@@ -36,7 +36,7 @@ pub fn exit_code(summary: &Summary, ended: &Ended) -> u8 {
     }
 }
 
-/// How the program ended, and what was counted.
+/// The end of the program, and its counts.
 pub fn words(ended: &Ended, hash: u64) -> String {
     let how = match &ended.how {
         How::Itself(Ending::Exited(code)) => format!("ended with exit code {code}"),
@@ -68,7 +68,7 @@ pub fn words(ended: &Ended, hash: u64) -> String {
     text
 }
 
-/// The summary of the segment, and the program beside it.
+/// The summary of the segment, with the program.
 pub fn document(summary: &Summary, seed: u64, ended: &Ended, hash: u64) -> Value {
     let mut document = serde_json::to_value(summary).unwrap_or_default();
     document["seed"] = json!(seed);

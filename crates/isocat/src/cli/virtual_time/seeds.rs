@@ -1,4 +1,4 @@
-//! The same program many times, each with a seed of its own: processes of this command, as many at
+//! Many runs of the same program, each with a different seed: processes of this command, as many at
 //! once as there are processors.
 
 mod folder;
@@ -32,28 +32,28 @@ pub struct Options {
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1_000_000),
         conflicts_with_all = ["report", "junit", "capture", "waves", "trace", "series"])]
     pub seeds: Option<u64>,
-    /// swarm: each run draws 1 to 4 faults of its own beside those of the file
+    /// swarm: each run draws 1 to 4 faults of its own in addition to those of the file
     #[arg(long, value_name = "HOW", value_parser = ["swarm"], requires = "seeds")]
     faults: Option<String>,
-    /// Values of a key of the segment file, as of isocat sweep: each makes a point of a grid
+    /// Values of a key of the segment file, as in isocat sweep: each makes a point of a grid
     #[arg(long, value_name = "KEY=VALUES", requires = "seeds")]
     vary: Vec<String>,
-    /// Runs at once; default one for each processor
+    /// Number of parallel runs; default one per processor
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256), requires = "seeds")]
     jobs: Option<u16>,
     /// Write a row for each run to this file: CSV
     #[arg(long, value_name = "FILE.csv", requires = "seeds")]
     rows: Option<PathBuf>,
-    /// Write segment file, report and output of each run that was not in sync, 100 at most, and of
+    /// Write segment file, report and output of each run that was not in sync, at most 100, and of
     /// the one with the least margin into this folder
     #[arg(long, value_name = "FOLDER", requires = "seeds")]
     failed: Option<PathBuf>,
 }
 
-/// Bytes of a program's output that are kept.
+/// Largest number of bytes of a program's output that are kept.
 const MOST_OUTPUT: u64 = 1 << 20;
 
-/// Runs all; gives the exit code.
+/// Runs all; returns the exit code.
 pub fn run(arguments: &Arguments, seeds: u64) -> Result<u8, String> {
     let options = &arguments.many;
     arguments.find_program()?;
@@ -106,7 +106,7 @@ pub fn run(arguments: &Arguments, seeds: u64) -> Result<u8, String> {
     })
 }
 
-/// The segment file and what differs from run to run.
+/// The segment file and the values that vary between runs.
 fn sweep(arguments: &Arguments, seeds: u64) -> Result<Sweep, String> {
     let (path, text) = match arguments.segment.as_deref() {
         Some(path) => {
@@ -125,7 +125,7 @@ fn sweep(arguments: &Arguments, seeds: u64) -> Result<Sweep, String> {
     Ok(sweep)
 }
 
-/// One run, as a process of its own.
+/// One run, as a separate process.
 fn one(arguments: &Arguments, sweep: &Sweep, folder: &Folder, number: u64) -> Result<Row, String> {
     let case = sweep.case(number)?;
     let failed = |error: io::Error| format!("run {number}: {error}");
@@ -159,7 +159,7 @@ fn one(arguments: &Arguments, sweep: &Sweep, folder: &Folder, number: u64) -> Re
     Ok(row)
 }
 
-/// The beginning of what a program says; the rest is read and forgotten.
+/// The beginning of a program's output; the rest is read and dropped.
 fn first_of(mut from: impl Read) -> io::Result<Vec<u8>> {
     let mut said = Vec::new();
     from.by_ref().take(MOST_OUTPUT).read_to_end(&mut said)?;
@@ -168,7 +168,7 @@ fn first_of(mut from: impl Read) -> io::Result<Vec<u8>> {
 }
 
 impl Arguments {
-    /// What each run is told beside its segment and its seed.
+    /// The arguments of each run besides its segment and its seed.
     fn of_one_run(&self) -> Vec<String> {
         let mut words = vec!["--interface".to_owned(), self.interface.clone()];
         let mut add = |flag: &str, value: Option<String>| {

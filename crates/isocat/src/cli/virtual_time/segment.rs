@@ -10,10 +10,10 @@ use isocat_virtual::supervisor::START;
 use isocat_virtual::{Wire, WireAnswer};
 use isocat_wire::time::{Host, Time};
 
-/// A served segment, and what it has to say to the program's machine.
+/// A served segment, and the faults of the program's machine.
 pub struct Segment {
     pub server: Server,
-    /// Of all frames that came back, and when they set out (FNV-1a).
+    /// Hash (FNV-1a) of all frames that came back, with the times at which they were sent.
     pub hash: u64,
     machine_faults: Vec<MachineFault>,
 }
@@ -21,7 +21,7 @@ pub struct Segment {
 const PORTS: [MainPort; 2] = [MainPort::Primary, MainPort::Secondary];
 
 impl Segment {
-    /// The segment of a scenario, and somebody who keeps what happens there.
+    /// The segment of a scenario, and a tap that records its events.
     pub fn new(scenario: &Scenario, tap: Option<Box<dyn Tap + Send>>) -> Self {
         let server = Server::new(Setup::from(scenario).without_process_data().with_host(), START);
         let server = match tap {
@@ -83,7 +83,7 @@ impl Wire for Segment {
     }
 }
 
-/// What a fault does to the machine of the program, if it does anything.
+/// The effect of a fault on the program's machine, if it has one.
 fn machine_fault(server: &Server, happened: &Happened) -> Option<MachineFault> {
     let at = server.served().host_time(happened.at);
     let begins = happened.begins;

@@ -1,19 +1,19 @@
-//! What is drawn of a capture: kept in bounded memory while the capture is read.
+//! Data for the drawings of a capture, kept in bounded memory while the capture is read.
 
 use isocat_diagnose::report::Distance;
 use isocat_diagnose::{Grid, Measured};
 use isocat_engine::recording::series::Series;
 use isocat_wire::time::Picos;
 
-/// Series of a capture, since operation began.
+/// Series of a capture since operation began.
 #[derive(Clone, Debug)]
 pub struct Figures {
-    /// From one cycle to the next by the reference's clock, ps.
+    /// Time from one cycle to the next by the reference clock, ps.
     by_clock: Series,
-    /// The same by the stamps.
+    /// The same by the time stamps.
     by_stamps: Series,
     distances: Vec<(Grid, Series)>,
-    /// The last instant that was told, ns.
+    /// The last instant, ns.
     pub length_ns: u64,
 }
 
@@ -25,7 +25,7 @@ impl Default for Figures {
 }
 
 impl Figures {
-    /// Takes a figure of a cycle.
+    /// Adds a figure of a cycle.
     pub fn push(&mut self, measured: Measured) {
         match measured {
             Measured::Restart => *self = Self::default(),
@@ -49,20 +49,20 @@ impl Figures {
         }
     }
 
-    /// Stamps may jump back; a series does not.
+    /// Time stamps may jump back, but a series must not.
     fn instant(&mut self, at_ns: u64) -> Picos {
         self.length_ns = self.length_ns.max(at_ns);
         Picos(picos(self.length_ns.cast_signed()))
     }
 
-    /// Intervals less their usual length `median_ns`: by the reference's clock if it is known.
-    /// `None`: there are none.
+    /// Intervals less their median `median_ns`: by the reference clock if it is known. `None` if
+    /// there are none.
     pub fn intervals(&self, by_clock: bool, median_ns: u64) -> Option<Series> {
         let series = if by_clock { &self.by_clock } else { &self.by_stamps };
         (series.count() > 0).then(|| series.shifted(-picos(median_ns.cast_signed())))
     }
 
-    /// From cyclic frames at a device to its SYNC0. `None`: not known.
+    /// Time from cyclic frames at a device to its SYNC0. `None` if it is not known.
     pub fn distance(&self, distance: &Distance) -> Option<Series> {
         let (_, series) = self.distances.iter().find(|(grid, _)| *grid == distance.grid)?;
         Some(series.shifted(-picos(distance.delay_ns)))
@@ -73,5 +73,5 @@ fn picos(ns: i64) -> i64 {
     ns.saturating_mul(1_000)
 }
 
-/// Spans of time of a series.
+/// Largest number of spans of a series.
 const SPANS: usize = 400;

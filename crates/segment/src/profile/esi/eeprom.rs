@@ -131,7 +131,8 @@ impl Import<'_> {
     }
 }
 
-/// Bytes that a SyncManager guards of an area; `None` if it is none of the area's.
+/// Bytes of an area that a SyncManager guards; `None` if the SyncManager does not belong to the
+/// area.
 fn length_of(area: &Area, number: usize) -> Option<u16> {
     if usize::from(area.sync_manager) == number {
         return Some(area.bits(&area.default).div_ceil(8) as u16);

@@ -1,4 +1,4 @@
-//! The dictionary of an imported device: what the description has, made fit for the stack.
+//! The dictionary of an imported device: that of the description, adapted to the stack.
 
 use isocat_descriptions::esi::{EsiObject, Purpose};
 use isocat_subdevice::MAX_TRANSFER;
@@ -11,8 +11,8 @@ use super::super::draft::{self, Area, Draft};
 use super::{DC_SUBORDINATED, DC_SYNC0, DC_SYNC1, FREE_RUN_AND_SM, Import, SM_SYNCHRONOUS};
 
 impl Import<'_> {
-    /// The objects of the file, but for those that follow from its PDOs and SyncManagers: their defaults
-    /// in files are mostly those of before the firmware has filled them in.
+    /// The objects of the file, except those that follow from its PDOs and SyncManagers: their
+    /// defaults in files are mostly those from before the firmware fills them in.
     pub(super) fn objects(&mut self, areas: [&Option<Area>; 2]) -> Vec<draft::Object> {
         let pdos = |index| {
             areas.into_iter().flatten().flat_map(|area| &area.pdos).any(|pdo| pdo.index == index)
@@ -47,7 +47,7 @@ impl Import<'_> {
         all
     }
 
-    /// 0x1C00 by the purpose of each SyncManager.
+    /// 0x1C00 from the purpose of each SyncManager.
     fn sync_manager_types(&self) -> draft::Object {
         let at = self.device.at;
         let count = self.device.sync_managers.len();
@@ -74,8 +74,8 @@ impl Import<'_> {
         }
     }
 
-    /// 0x1C32:04 and 0x1C33:04 have what the chosen OpMode needs. Where the file's defaults lack it the OpMode
-    /// is believed: firmware fills such defaults in.
+    /// Adds to 0x1C32:04 and 0x1C33:04 the types that the chosen OpMode needs. If the file's
+    /// defaults lack them, the OpMode is trusted: firmware fills such defaults in.
     fn announce(&mut self, objects: &mut [draft::Object]) {
         let Some(mode) = self.mode else { return };
         let needed = match (mode.sync0(), mode.sync1()) {
@@ -113,8 +113,8 @@ impl Import<'_> {
         }
     }
 
-    /// A device that announces types, but neither Free Run nor SM-synchronous, has an OpMode without SYNC all the same:
-    /// then it is SM-synchronous there.
+    /// Adds SM-synchronous to the types of a device that announces neither Free Run nor
+    /// SM-synchronous, but has an OpMode without SYNC.
     fn announce_without_sync(&mut self, objects: &mut [draft::Object]) {
         for index in [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER] {
             let sub = object::sub::SUPPORTED_TYPES;
@@ -133,8 +133,8 @@ impl Import<'_> {
         }
     }
 
-    /// With SYNC1 the two types differ. Where only one of them can be written, writing it alone would choose another mode:
-    /// then neither is, and the device goes by its SYNC unit.
+    /// With SYNC1 the two types differ. If only one of them can be written, writing it alone would
+    /// select another mode. Then neither is written, and the device follows its SYNC unit.
     fn types_by_sync_unit(&mut self, objects: &mut [draft::Object]) {
         let sub = object::sub::SYNC_TYPE;
         let both = [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER];
@@ -152,7 +152,7 @@ impl Import<'_> {
         }
     }
 
-    /// Where the file says that mappings can be written, their entries can.
+    /// Makes mapping entries writable if the file says that mappings can be written.
     pub(super) fn open_mapping(&self, draft: &mut Draft<'_>) {
         let coe = self.device.mailbox.as_ref().and_then(|mailbox| mailbox.coe.as_ref());
         if !coe.is_some_and(|coe| coe.pdo_config) {
@@ -172,7 +172,7 @@ fn entry_of(objects: &mut [draft::Object], index: u16, sub: u8) -> Option<&mut d
     object.entries.iter_mut().find(|entry| entry.sub == sub)
 }
 
-/// An object as the stack can hold it; `None` if it can't.
+/// An object as the stack supports it; `None` if it does not.
 fn fit(object: &EsiObject) -> Option<draft::Object> {
     let mut entries: Vec<draft::Entry> = Vec::new();
     let single = object.entries.len() == 1;

@@ -1,4 +1,4 @@
-//! In which mode a device runs by one of its OpModes, at one bus cycle.
+//! The mode of a device in one of its OpModes, at one bus cycle.
 
 use isocat_descriptions::esi::{CycleTime, EsiDevice, EsiFile, EsiOpMode, ShiftTime};
 use isocat_sync::SyncMode;
@@ -9,41 +9,42 @@ use isocat_wire::time::Nanos;
 use super::super::Profile;
 use super::{NotSimulated, Obstacle};
 
-/// Something that is doubtful in a description, or not done as it says.
+/// A doubt about a description, or a part of it that is not followed.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Doubt {
     /// Its fixed name, for programs.
     pub kind: &'static str,
-    /// What, in words.
+    /// Description in words.
     pub what: String,
 }
 
 impl Doubt {
-    /// Of this name, in these words.
+    /// A doubt with this name and description.
     pub fn new(kind: &'static str, what: String) -> Self {
         Self { kind, what }
     }
 }
 
-/// What a MainDevice is asked for so that a device runs as its OpMode says.
+/// The settings of the MainDevice that make a device run as its OpMode says.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct RunAs {
     /// Mode.
     pub mode: SyncMode,
-    /// Every mode that the OpMode may stand for, the likeliest first: its registers say no more.
+    /// Every mode that the OpMode may mean, the likeliest first: its registers do not distinguish
+    /// them.
     pub modes: &'static [SyncMode],
-    /// From the SYNC0 that it belongs to to SYNC1; `None`: what the device needs.
+    /// Time from SYNC0 to the SYNC1 that belongs to it; `None`: the time that the device needs.
     pub sync1: Option<Nanos>,
-    /// Cycle of SYNC0, where it is a part of the bus cycle.
+    /// Cycle of SYNC0, if it is a fraction of the bus cycle.
     pub sync0_cycle: Option<Nanos>,
-    /// What its registers 0x0980 and 0x0981 get; `None` without an OpMode.
+    /// Values for its registers 0x0980 and 0x0981; `None` without an OpMode.
     pub unit: Option<AssignActivate>,
-    /// What is doubtful, or not done as the file says.
+    /// Doubts, and parts of the file that are not followed.
     pub notes: Vec<Doubt>,
 }
 
 impl RunAs {
-    /// By an OpMode, `None` for a device without; at a bus cycle.
+    /// The settings for an OpMode (`None` for a device without) at a bus cycle.
     pub fn new(
         file: &EsiFile,
         device: &EsiDevice,
@@ -122,7 +123,7 @@ impl RunAs {
         })
     }
 
-    /// SYNC off: SM-synchronous, unless the device announces something else.
+    /// The mode with SYNC off: SM-synchronous, unless the device announces another one.
     fn without_sync(
         profile: &Profile,
         unit: Option<AssignActivate>,
@@ -145,7 +146,7 @@ impl RunAs {
     }
 }
 
-/// The OpMode for the arithmetic of the SYNC unit.
+/// The OpMode in the form for the arithmetic of the SYNC unit.
 fn raw(mode: &EsiOpMode) -> opmode::OpMode {
     let cycle = |time: Option<CycleTime>| {
         time.map_or_else(Default::default, |time| opmode::CycleTime {

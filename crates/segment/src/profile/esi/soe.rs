@@ -1,8 +1,10 @@
-//! Drives behind SoE: the parameters that a description tells of, and those that are written at start.
+//! Drives behind SoE: the parameters that a description mentions, and those that are written at
+//! start.
 //!
-//! A description has no list of parameters as it has of objects. What it names is there: what InitCmds write and what
-//! PDOs map. The lists of what is mapped (S-0-0016, S-0-0024), of all parameters (S-0-0017) and the telegram type
-//! (S-0-0015) follow from that. All else the drive does not have.
+//! A description has no list of parameters as it has of objects. The drive has those that are
+//! mentioned: in InitCmds and in the mapping of PDOs. The lists of mapped parameters (S-0-0016,
+//! S-0-0024), of all parameters (S-0-0017) and the telegram type (S-0-0015) follow from that. The
+//! drive has no others.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +19,7 @@ use super::super::dictionary::{leak, leak_text};
 use super::startup::early;
 use super::{Doubt, Import};
 
-/// A parameter while the description is read.
+/// A parameter under construction.
 struct Found {
     name: String,
     attribute: Attribute,
@@ -27,11 +29,11 @@ struct Found {
 
 type All = BTreeMap<(u8, Idn), Found>;
 
-/// The PDOs of each SyncManager, both directions.
+/// The PDOs of each SyncManager, for both directions.
 type Assigned<'a> = [(Direction, &'a [(u8, Vec<EsiPdo>)]); 2];
 
 impl Import<'_> {
-    /// What the mailbox answers.
+    /// The protocols that the mailbox answers.
     pub(super) fn speaks(&mut self, image: Assigned<'_>) -> Speaks {
         let protocols = self.device.mailbox.as_ref().map_or(0, |mailbox| mailbox.protocols);
         if protocols & Protocol::SOE.announcement() == 0 {
@@ -71,7 +73,8 @@ impl Import<'_> {
         Speaks { protocols, drives, parameters: placed(all) }
     }
 
-    /// What is written at start, those on the way to PREOP first. What is left out is told.
+    /// The parameters that are written at start, those on the way to PREOP first. Omitted ones are
+    /// reported.
     pub(super) fn parameters_at_start(&mut self, speaks: &Speaks) -> Vec<StartupParameter> {
         let mut all = Vec::new();
         let mut late = Vec::new();
@@ -122,7 +125,7 @@ impl Import<'_> {
         all
     }
 
-    /// A device whose mailbox can't be used gets no parameters, which is told.
+    /// Reports the parameters of a device without a usable mailbox, which are not written.
     pub(super) fn parameters_without_mailbox(&mut self) {
         let left_out: Vec<String> = self
             .idn_commands()
@@ -146,7 +149,7 @@ impl Import<'_> {
         soe.map_or(Vec::new(), |soe| soe.commands.clone())
     }
 
-    /// What every drive has: its telegram type, and the lists of its parameters.
+    /// Adds the parameters of every drive: its telegram type, and the lists of its parameters.
     fn add_lists(&self, all: &mut All, drive: u8) {
         let number = Attribute::of_length(2).expect("two bytes are a length of SoE");
         let known = |idn| Found {
@@ -177,7 +180,8 @@ impl Import<'_> {
     }
 }
 
-/// What a PDO maps: its entries, and the list of them. PDO 0x0018 is that of drive 0, 0x1018 that of drive 1.
+/// Adds the mapping of a PDO: its entries, and the list of them. PDO 0x0018 is that of drive 0,
+/// 0x1018 that of drive 1.
 fn mapped(all: &mut All, direction: Direction, pdo: &EsiPdo) {
     let drive = (pdo.index >> 12 & 7) as u8;
     let (list, word) = match direction {
@@ -217,7 +221,7 @@ fn mapped(all: &mut All, direction: Direction, pdo: &EsiPdo) {
     all.insert((drive, list), found);
 }
 
-/// The parameter that an InitCmd writes; `None` if its data are no value of SoE.
+/// The parameter that an InitCmd writes; `None` if its data are not a valid SoE value.
 fn of_command(command: &IdnCommand) -> Option<Found> {
     let data = &command.data;
     let late = Attribute::PROTECTED_SAFEOP.with(Attribute::PROTECTED_OP);
@@ -238,14 +242,14 @@ fn of_command(command: &IdnCommand) -> Option<Found> {
     Some(Found { name, attribute: attribute.with(late), fixed: false, value })
 }
 
-/// A list of IDNs as SoE has it, with no room for more.
+/// A list of IDNs in SoE format, with its present length as maximum.
 fn list_of(idns: &[Idn]) -> Vec<u8> {
     let length = (2 * idns.len() as u16).to_le_bytes();
     let items = idns.iter().flat_map(|idn| idn.0.to_le_bytes());
     length.into_iter().chain(length).chain(items).collect()
 }
 
-/// The static form of all, with a place in the value store for each.
+/// The static form of all parameters, with an offset in the value store for each.
 fn placed(all: All) -> &'static [Parameter] {
     let mut store = 0;
     let place = |((drive, idn), found): ((u8, Idn), Found)| {
@@ -266,7 +270,7 @@ fn placed(all: All) -> &'static [Parameter] {
     leak(all.into_iter().map(place).collect())
 }
 
-/// The names of what has none in a description.
+/// The name of a parameter that has none in a description.
 const fn name_of(idn: Idn) -> &'static str {
     match idn {
         Idn::TELEGRAM_TYPE => "Telegram type",
@@ -280,5 +284,5 @@ fn named(drive: u8, idn: Idn) -> String {
     format!("{idn} of drive {drive}")
 }
 
-/// Telegram type: what S-0-0016 and S-0-0024 list.
+/// Telegram type with the configuration of S-0-0016 and S-0-0024.
 const CONFIGURED: u16 = 7;

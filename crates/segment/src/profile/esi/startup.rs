@@ -13,8 +13,9 @@ use super::objects::written;
 use super::{Doubt, Import};
 
 impl Import<'_> {
-    /// What InitCmds write can be written in PREOP. Some files have commands for objects that their own dictionary
-    /// lacks or calls read only; firmware has them, since every configuration tool writes them.
+    /// Makes entries of InitCmds writable in PREOP. Some files have commands for objects that their
+    /// own dictionary lacks or calls read only. Firmware has them, since every configuration tool
+    /// writes them.
     pub(super) fn open_for_commands(&mut self, objects: &mut Vec<Object>) {
         let mut opened = Vec::new();
         for command in self.commands() {
@@ -35,7 +36,7 @@ impl Import<'_> {
         }
     }
 
-    /// The downloads that can be made, those on the way to PREOP first. What is left out is told.
+    /// The possible downloads, those on the way to PREOP first. Omitted ones are reported.
     pub(super) fn startup(&mut self, draft: &Draft<'_>) -> Vec<Placed<Startup>> {
         let mut all = Vec::new();
         let (mut late, mut assigning, mut unfit) = (Vec::new(), Vec::new(), Vec::new());
@@ -78,7 +79,8 @@ impl Import<'_> {
         all
     }
 
-    /// InitCmds of AoE, EoE, FoE and VoE are not sent: a virtual SubDevice answers these protocols with an error.
+    /// Reports InitCmds of AoE, EoE, FoE and VoE, which are not sent: a virtual SubDevice answers
+    /// these protocols with an error.
     fn tell_further(&mut self) {
         let Some(mailbox) = &self.device.mailbox else { return };
         let told = mailbox.further.iter().map(|command| {
@@ -101,7 +103,7 @@ impl Import<'_> {
     }
 }
 
-/// The transitions at which downloads are made.
+/// The transition of this name, if downloads are made at it.
 pub(super) fn early(name: &str) -> Option<Transition> {
     [Transition::IP, Transition::PS].into_iter().find(|at| at.to_string() == name)
 }
@@ -124,7 +126,7 @@ fn fits(entry: &Entry, command: &InitCommand) -> bool {
     usize::from(entry.bits.div_ceil(8)) == command.data.len()
 }
 
-/// Whether something had to be added so that a command can be carried out. Where that is not possible nothing is.
+/// Opens the entry of a command if possible. Returns whether something had to be added.
 fn open(objects: &mut Vec<Object>, command: &InitCommand, at: usize) -> bool {
     let sub = command.object.sub;
     let usable = (1..=MAX_TRANSFER).contains(&command.data.len());
@@ -212,7 +214,8 @@ fn new_entry(command: &InitCommand, at: usize) -> Entry {
     }
 }
 
-/// One entry behind the other, where they stand no farther apart already; sub-index 0 takes 16 bits.
+/// Places entries one behind the other, unless they are already farther apart; sub-index 0 takes 16
+/// bits.
 fn lay_out(entries: &mut [Entry]) {
     let mut free = 0;
     for entry in entries {
@@ -222,7 +225,7 @@ fn lay_out(entries: &mut [Entry]) {
     }
 }
 
-/// Where files most often have a command and no object.
+/// The object for which files most often have a command but no entry.
 const DIAGNOSIS_HISTORY: u16 = 0x10F3;
-/// What nothing names.
+/// Name of an entry without one.
 const NAME: &str = "Written at start";

@@ -1,4 +1,4 @@
-//! `[times]` and `[behaviour]`: what the device's CPU needs and what its firmware does.
+//! `[times]` and `[behaviour]`: the times of the device's CPU and the behaviour of its firmware.
 
 use isocat_descriptions::document::section::{Choice, Key, Kind, Need, Section, Word};
 use isocat_subdevice::MAX_PROCESS_DATA;
@@ -277,7 +277,7 @@ const fn flag(
     Key { name, kind: Kind::Boolean, need: Need::Default(default), means, goes, example: "true" }
 }
 
-/// How missed SM events are counted.
+/// Ways to count missed SM events.
 pub(in super::super) static MISSED_EVENTS: [Word<MissedEvents>; 3] = [
     (
         "counted",
@@ -292,16 +292,16 @@ pub(in super::super) static MISSED_EVENTS: [Word<MissedEvents>; 3] = [
     ("balance", "SM2 events less pulses in OP", MissedEvents::Balance),
 ];
 
-/// How a loss of synchronization is told.
+/// Ways to report a loss of synchronization.
 pub(in super::super) static LOSS_CODES: [Word<LossCodes>; 2] = [
     ("slave-stack-code", "0x002D, 0x002C, 0x001A", LossCodes::SLAVE_STACK_CODE),
     ("drive", "0x0032 on the way up, 0x0034 in OP", LossCodes::DRIVE),
 ];
 
-/// Which of the quantities it is.
+/// Selects one of the quantities.
 type Quantity = fn(&mut Measured) -> &mut bool;
 
-/// What can be measured.
+/// Quantities that can be measured.
 pub(in super::super) static MEASURED: [Word<Quantity>; 5] = [
     ("cycle", "sub-index 02, the shortest cycle; without DC only", |m| &mut m.cycle),
     ("shift", "sub-index 03, from the event to Outputs Valid or Input Latch", |m| &mut m.shift),

@@ -144,7 +144,7 @@ static MORE: Section = Section {
     rules: &[],
 };
 
-/// Sub-indices that only keep bits free.
+/// Sub-indices that only reserve bits.
 pub(in super::super) static GAPS: Section = Section {
     head: "gaps of an object",
     means: "Sub-indices that keep bits free in complete access.",
@@ -177,7 +177,7 @@ pub(in super::super) static GAPS: Section = Section {
     rules: &[],
 };
 
-/// Which sub-indices are gaps.
+/// The range of sub-indices that are gaps.
 pub(in super::super) static FIRST_AND_LAST: Row = Row {
     expected: "the first and the last sub-index, [14, 31]",
     cells: &[
@@ -187,11 +187,11 @@ pub(in super::super) static FIRST_AND_LAST: Row = Row {
     more: None,
 };
 
-/// How access is written.
+/// The notation of access.
 pub(in super::super) const ACCESS_WORDS: &str = "\"ro\", \"rw\" or \"wo\", then for writing only in some states \
     \"preop\", \"safeop\", \"op\", then \"rx\", \"tx\", \"backup\", \"settings\"";
 
-/// Who may read and write.
+/// Access rights.
 pub(super) const ACCESS: Kind = Kind::Pattern {
     expected: ACCESS_WORDS,
     pattern: r"^\s*(ro|rw|wo)(\s+(preop|safeop|op|rx|tx|backup|settings))*\s*$",

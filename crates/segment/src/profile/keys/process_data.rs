@@ -39,7 +39,7 @@ pub(super) static INPUTS: Section = Section {
     rules: &[],
 };
 
-/// What outputs and inputs differ in.
+/// The differences of outputs and inputs.
 struct Direction {
     sync_manager: &'static str,
     number: &'static str,
@@ -218,7 +218,7 @@ static MORE: Section = Section {
     rules: &[],
 };
 
-/// Bits that map nothing.
+/// Bits without a mapped entry.
 pub(in super::super) static PADDING: Section = Section {
     head: "padding of a PDO",
     means: "Bits that map nothing.",
@@ -233,14 +233,14 @@ pub(in super::super) static PADDING: Section = Section {
     rules: &[],
 };
 
-/// A PDO of the outputs of which only the bits matter.
+/// A PDO of the outputs, defined by its number of bits only.
 pub(in super::super) static RX_PDO_ROW: Row = Row {
     expected: "a row [PDO, bits]",
     cells: &[Cell { name: "PDO", kind: RX_PDO }, BITS],
     more: None,
 };
 
-/// The same of the inputs.
+/// A PDO of the inputs, defined by its number of bits only.
 pub(in super::super) static TX_PDO_ROW: Row = Row {
     expected: "a row [PDO, bits]",
     cells: &[Cell { name: "PDO", kind: TX_PDO }, BITS],
@@ -248,7 +248,7 @@ pub(in super::super) static TX_PDO_ROW: Row = Row {
 };
 
 const BITS: Cell = Cell { name: "bits", kind: Kind::Integer { least: 0, most: 16_000 } };
-/// Without CoE a PDO is no object: makers number them as they like, and SoE by the number of a
+/// Without CoE a PDO is no object: makers number them freely, and for SoE by the number of a
 /// parameter.
 const RX_PDO: Kind = Kind::Hex { least: 0x0001, most: 0x1BFF };
 const TX_PDO: Kind = RX_PDO;

@@ -1,4 +1,4 @@
-//! Built-in profiles against the published tables of the devices, entry by entry.
+//! Built-in profiles compared with the published tables of the devices, entry by entry.
 
 use std::path::PathBuf;
 
@@ -10,7 +10,8 @@ use serde_json::Value as Json;
 use super::object;
 use crate::profile::{Profile, built_in, built_in_ids};
 
-/// Where the published tables lie: `ISOCAT_SHARED`, else `shared` beside the repository.
+/// Reads the published tables from the folder `ISOCAT_SHARED`, or from `shared` next to the
+/// repository.
 fn published(id: &str) -> Option<Json> {
     let folder = std::env::var_os("ISOCAT_SHARED").map_or_else(
         || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")),
@@ -82,7 +83,7 @@ fn compare(profile: &Profile, index: u16, published: &Json) {
     assert_eq!(entry.name, published["name"], "{place}");
     assert_eq!(u64::from(entry.bits), published["bits"].as_u64().unwrap(), "{place}");
     let gap = entry.name.starts_with("Gap entry");
-    // A gap answers as a gap in SDO information, whatever type its row is printed with.
+    // A gap answers as a gap in SDO information, whatever type its printed row has.
     match gap {
         true => assert_eq!(entry.data_type, DataType::GAP, "{place}"),
         false => assert_eq!(entry.data_type.name().unwrap(), published["type"], "{place}"),

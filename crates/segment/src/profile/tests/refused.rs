@@ -1,4 +1,4 @@
-//! The least profile, and every contradiction with its place.
+//! The minimal profile, and every contradiction with its place.
 
 use isocat_wire::ObjectAddress;
 use isocat_wire::sii::MailboxArea;
@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::{lines, table};
 use crate::profile::Profile;
 
-/// The least profile that is one. Line 1 is `id`.
+/// The minimal valid profile. Line 1 is `id`.
 pub(super) const MINIMAL: &str = r#"id = "minimal"
 name = "Minimal"
 vendor = "Nobody"
@@ -340,7 +340,7 @@ fn names_that_are_not_there() {
     assert!(refused("[identity]", "[identity").starts_with("6:"));
 }
 
-/// Damaged files are refused or read, but nothing panics, and every place is inside the file.
+/// Damaged files are refused or read without a panic, and every place is inside the file.
 #[test]
 fn damaged_files_are_no_panic() {
     let mut damaged = 0;
@@ -358,7 +358,7 @@ fn damaged_files_are_no_panic() {
     assert!(damaged > 1_000, "{damaged}");
 }
 
-/// The minimal profile with another object behind its last one.
+/// The minimal profile with another object after its last one.
 fn with_object(text: &str) -> Result<Arc<Profile>, String> {
     let text = MINIMAL.replacen("[times]", &format!("[[object]]\n{text}\n\n[times]"), 1);
     Profile::from_toml("p.toml", &text)
@@ -404,7 +404,7 @@ fn an_object_may_be_like_another() {
         "{}",
         refused("index = 0x1C33\nlike = \"1C32\"\nwithout = [7]")
     );
-    // What is wrong with what was taken over is wrong where it was.
+    // Errors in inherited rows are reported at their source.
     let error = refused("index = 0x1C33\nlike = \"1C32\"\nvalues = { 04 = 4 }");
     assert!(error.starts_with("44:8 0x1C33:01 is 1 (SM-synchronous), but"), "{error}");
 }

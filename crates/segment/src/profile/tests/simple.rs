@@ -5,7 +5,7 @@ use isocat_wire::sii::{self, Header, PdoRecord, SmRecord, category};
 
 use crate::profile::{Profile, built_in};
 
-/// The least profile without mailbox. Line 1 is `id`.
+/// The minimal profile without mailbox. Line 1 is `id`.
 const SIMPLE: &str = r#"id = "simple"
 name = "Simple"
 vendor = "Nobody"
@@ -48,7 +48,7 @@ fn built_in_simple_devices_tell_all_in_their_sii() {
         assert_eq!((header.receive, header.send, header.protocols), (nowhere, nowhere, 0), "{id}");
         assert_eq!((header.vendor_id, header.revision), (0x6973_6F63, 1));
         assert_eq!(header.product_code, u32::from(bytes) << 16 | u32::from(bytes));
-        // SM0 and SM1 are there, so that SM2 and SM3 have their places, and guard nothing.
+        // SM0 and SM1 exist, so that SM2 and SM3 have their places, but guard nothing.
         assert_eq!(
             sync_managers(&profile),
             [

@@ -1,4 +1,4 @@
-//! What profiles of makers' descriptions need: unknown values, bytes, lengths, downloads, devices
+//! Features that profiles from ESI files need: unknown values, bytes, lengths, downloads, devices
 //! without a program.
 
 use isocat_sync::SyncMode;
@@ -25,7 +25,7 @@ fn read(changes: &[(&str, &str)]) -> Profile {
     }
 }
 
-/// Line and words of what is wrong.
+/// Line and message of an error.
 fn refused(changes: &[(&str, &str)]) -> String {
     let mut text = MINIMAL.to_owned();
     for (from, to) in changes {
@@ -36,7 +36,7 @@ fn refused(changes: &[(&str, &str)]) -> String {
     format!("{} {}", error.line, error.message)
 }
 
-/// Zeros on the wire, a line in the reports, and nothing that a plan could go by.
+/// An unknown value is zeros on the wire, a line in the reports, and no statement for a plan.
 #[test]
 fn an_unknown_value_is_no_statement() {
     let unknown = read(&[("\"100us\", \"Minimum", "\"unknown\", \"Minimum")]);
@@ -45,8 +45,7 @@ fn an_unknown_value_is_no_statement() {
     let assumed: Vec<_> = unknown.assumptions.iter().map(|a| (&*a.item, &*a.value)).collect();
     assert_eq!(assumed, [("0x1C32:05", "unknown")]);
 
-    // What it can be synchronized by follows from its OpModes; without any it is what every device
-    // can do.
+    // Its modes follow from its OpModes; without any they are those of every device.
     let types = ("0x0006, \"Types", "\"unknown\", \"Types");
     let preset = ("\"rw preop\", 1", "\"rw preop\", \"unknown\"");
     let by_modes = |modes: &str| {
@@ -61,7 +60,7 @@ fn an_unknown_value_is_no_statement() {
     );
     assert!(by_modes("[[\"DC\", \"\", 0x0700, 1, 1]]").contains(&SyncMode::DcSync1));
 
-    // A preset that nobody knows contradicts nothing.
+    // An unknown preset contradicts nothing.
     assert_eq!(read(&[preset]).value(ObjectAddress::new(0x1C32, 1)), Some(0));
 }
 
@@ -89,7 +88,7 @@ fn values_as_bytes_and_lengths() {
             "[1, \"VISIBLE_STRING\", \"ro\", \"ab\", \"\", { bits = 16 }]",
             "VISIBLE_STRING 16 16 0007 25185",
         ),
-        // A text may well be this word.
+        // A text may have this word as its value.
         (
             "[1, \"VISIBLE_STRING\", \"ro\", \"unknown\", \"\"]",
             "VISIBLE_STRING 56 16 0007 31093567915781749",
@@ -147,7 +146,7 @@ fn sync_managers_have_numbers() {
     let (from, to) = numbered(5);
     let profile = read(&[(from, &to)]);
     assert_eq!(profile.description.outputs.sync_manager, 5);
-    // 0x1C00 says so.
+    // 0x1C00 states it.
     assert_eq!(profile.value(ObjectAddress::new(0x1C00, 6)), Some(3));
     assert_eq!(profile.value(ObjectAddress::new(0x1C00, 3)), Some(0));
     let (from, to) = numbered(1);
@@ -254,7 +253,7 @@ fn what_a_scan_found_is_a_profile() {
         assert!(assumed.contains(&item), "{assumed:?}");
     }
 
-    // What it states about its CPU is not assumed.
+    // Values that the device states are not assumed.
     let mut stating = found();
     stating.pulse = Some(Nanos::ZERO);
     stating.sync[0].1.push(FoundEntry { sub: 6, value: Some(70_000), writable: Some(false) });
@@ -275,7 +274,7 @@ fn what_a_scan_found_is_a_profile() {
     assert!(error.message.contains("8 KiB"), "{error}");
 }
 
-/// What could not be read is unknown, not 0, and the object keeps its entry.
+/// A value that could not be read is unknown, not 0, and the object keeps its entry.
 #[test]
 fn what_a_scan_could_not_read_is_unknown() {
     let mut deaf = found();
@@ -300,14 +299,14 @@ fn what_a_scan_could_not_read_is_unknown() {
         Profile::from_toml("x.toml", &text).unwrap_or_else(|error| panic!("{error}\n{text}"));
     assert_eq!(profile.op_modes, deaf.op_modes);
     assert_eq!(profile.value(ObjectAddress::new(0x1C32, 0)), Some(20), "the highest that was seen");
-    // Its OpModes tell by what it can be synchronized.
+    // Its OpModes determine its synchronization modes.
     assert_eq!(profile.modes().collect::<Vec<_>>(), [SyncMode::SmSynchronous, SyncMode::DcSync0]);
     let assumed: Vec<_> = profile.assumptions.iter().map(|a| (&*a.item, &*a.value)).collect();
     for item in [("0x1C32:05", "unknown"), ("0x1C32:04", "6"), ("0x1C32:01 access", "rw preop")] {
         assert!(assumed.contains(&item), "{assumed:?}");
     }
 
-    // Nor does a device without a mailbox tell.
+    // A device without a mailbox does not state them either.
     let mute = Found { mailbox: None, sync: Vec::new(), ..deaf };
     let text = ProfileText::from_found(&mute, "found.json").unwrap().text;
     let profile = Profile::from_toml("x.toml", &text).unwrap();
@@ -316,7 +315,7 @@ fn what_a_scan_could_not_read_is_unknown() {
     assert!(profile.assumptions.iter().any(|a| a.item == "modes"));
 }
 
-/// The ESC is named by its kind and its clock; what has no name gets another, and a note.
+/// The ESC is named by its kind and its clock; one without a name is replaced, with a note.
 #[test]
 fn the_esc_of_a_scan() {
     let of = |esc_kind, narrow_clock, ports: &str| {
@@ -351,7 +350,7 @@ fn a_mailbox_without_objects() {
     let (from, to) = protocols("[\"CAN\"]");
     assert!(refused(&[(from, &to)]).contains("CAN"));
 
-    // Where nobody can read the mapping, a PDO is no object.
+    // If the mapping cannot be read, a PDO is no object.
     let (head, object) = MINIMAL.split_once("[[object]]").unwrap();
     let times = &object[object.find("[times]").unwrap()..];
     let with = |protocols: &str, pdo: &str| {

@@ -1,4 +1,4 @@
-//! A draft of a description made fit for a profile, which may not contradict itself.
+//! Adapts the draft of a description to a profile, which must not contradict itself.
 
 use isocat_descriptions::document::FileError;
 use isocat_esc::chip::{self, Chip, PortKind};
@@ -11,8 +11,8 @@ use isocat_wire::time::Nanos;
 use super::super::draft::{Area, Draft, Eeprom, Entry, Object, Pdo, PdoEntry};
 use super::super::{ApplicationKind, check, unknown};
 
-/// Mends what a profile may not have, with a note of each kind; fails where a profile can't say
-/// what the device is.
+/// Corrects what a profile must not contain, with a note of each kind; fails if a profile cannot
+/// describe the device.
 pub(super) fn mend(draft: &mut Draft<'_>, notes: &mut Vec<String>) -> Result<(), FileError> {
     possible(draft)?;
     if let ApplicationKind::DriveAt(_) = draft.application {
@@ -38,7 +38,7 @@ pub(super) fn mend(draft: &mut Draft<'_>, notes: &mut Vec<String>) -> Result<(),
     check::check(&as_read(draft))
 }
 
-/// What no key of a profile can say.
+/// Refuses a property that no key of a profile can express.
 fn possible(draft: &Draft<'_>) -> Result<(), FileError> {
     let stop = |at: usize, what: String| {
         Err(draft.source.error(at, format!("{} can't be a profile: {what}", draft.id)))
@@ -55,7 +55,8 @@ fn possible(draft: &Draft<'_>) -> Result<(), FileError> {
     Ok(())
 }
 
-/// A profile has no key for the parameters of drives behind SoE; the protocol stays announced.
+/// Removes the parameters of drives behind SoE, for which a profile has no key; the protocol stays
+/// announced.
 fn parameters(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     let Some(mailbox) = &mut draft.mailbox else { return };
     let speaks = &mut mailbox.value.speaks;
@@ -71,10 +72,10 @@ fn parameters(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     draft.parameters.clear();
 }
 
-/// The kind of the note that says so.
+/// The kind of the note on removed parameters.
 const SOE_LEFT_OUT: &str = "soe-parameters-left-out";
 
-/// What words 0 to 6 of the EEPROM say, as keys of `[esc]`.
+/// Words 0 to 6 of the EEPROM, as keys of `[esc]`.
 fn configuration(draft: &mut Draft<'_>, eeprom: &Eeprom) {
     let word =
         |at: usize| u16::from_le_bytes([eeprom.configuration[at], eeprom.configuration[at + 1]]);
@@ -82,7 +83,7 @@ fn configuration(draft: &mut Draft<'_>, eeprom: &Eeprom) {
     draft.esc.alias = word(8);
 }
 
-/// A chip that a profile can name, with the ports and the memory of the device.
+/// Selects a chip that a profile can name, with the ports and the memory of the device.
 fn chip(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     let (_, of_device) = draft.esc.chip;
     let narrow = !of_device.counts_64_bit() && !has_ebus(of_device);
@@ -101,7 +102,7 @@ fn has_ebus(chip: Chip) -> bool {
     PortNumber::ALL.into_iter().any(|port| chip.port(port) == PortKind::Ebus)
 }
 
-/// Entries ascend, and each has one place in complete access.
+/// Makes entries ascend, each with one place in complete access.
 fn objects(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     let mut mended = Vec::new();
     for object in &mut draft.objects {
@@ -135,7 +136,7 @@ fn objects(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     note(notes, &closed, "entries that nobody may read or write; they are read only now");
 }
 
-/// What PDOs map is in the dictionary, of this type, and may be mapped.
+/// Adds mapped entries to the dictionary, with this type and the right to be mapped.
 fn mapping(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     let (mut added, mut opened, mut typed, mut unmapped) = (vec![], vec![], vec![], vec![]);
     for (area, direction) in
@@ -214,7 +215,7 @@ fn add(object: &mut Object, mapped: &PdoEntry, sub: u8) {
     }
 }
 
-/// One entry behind the other, where they stand no farther apart already; sub-index 0 takes 16
+/// Places entries one behind the other, unless they are already farther apart; sub-index 0 takes 16
 /// bits.
 fn lay_out(entries: &mut [Entry]) {
     let mut free = 0;
@@ -225,8 +226,8 @@ fn lay_out(entries: &mut [Entry]) {
     }
 }
 
-/// What 0x1C32 and 0x1C33 announce the ESC can do, and a preset that they do not announce is named
-/// as theirs.
+/// Limits the announcements of 0x1C32 and 0x1C33 to what the ESC can do, and marks a preset that
+/// they do not announce as published.
 fn synchronization(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     let read = as_read(draft);
     for object in &read.objects {
@@ -250,14 +251,14 @@ fn synchronization(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     }
 }
 
-/// The draft as it is once its text is read.
+/// The draft as it will be once its text is read.
 fn as_read<'a>(draft: &Draft<'a>) -> Draft<'a> {
     let mut read = draft.clone();
     unknown::complete(&mut read);
     read
 }
 
-/// The CPU is done within the shortest cycle that the device states.
+/// Shortens the CPU's times to fit into the minimum cycle that the device states.
 fn cycle(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     let stated = |sub| draft.value(object::OUTPUT_PARAMETER, sub).unwrap_or(0) as i64;
     let minimum = stated(object::sub::MINIMUM_CYCLE_TIME);
@@ -280,7 +281,7 @@ fn cycle(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     ));
 }
 
-/// One note of several objects, the first of them by index.
+/// One note for several objects, naming the first ones by index.
 fn note(notes: &mut Vec<String>, indices: &[u16], what: &str) {
     let mut indices = indices.to_vec();
     indices.sort_unstable();
@@ -295,5 +296,5 @@ fn note(notes: &mut Vec<String>, indices: &[u16], what: &str) {
     }
 }
 
-/// Objects that a note names.
+/// Number of objects that a note names.
 const MOST_NAMED: usize = 4;

@@ -1,4 +1,4 @@
-//! How a clock deviates: `clock`, `clock_ramp`, `clock_step`, `clock_walk`.
+//! Deviation of a clock: `clock`, `clock_ramp`, `clock_step`, `clock_walk`.
 
 use isocat_descriptions::document::section::{Key, Kind, Need, Section};
 use isocat_wire::time::Nanos;
@@ -110,8 +110,8 @@ const fn span(name: &'static str, least: Nanos, means: &'static str) -> Key {
     }
 }
 
-/// Ten times what the worst crystal of a SubDevice may have, ppb.
+/// Ten times the deviation of the worst crystal of a SubDevice, ppb.
 const MOST_DRIFT: i64 = 1_000_000;
 pub(in crate::segment_file) const LONGEST_RUN: Nanos = Nanos::millis(24 * 3_600 * 1_000);
-/// A clock that changes faster is not what these shapes are about.
+/// These shapes are not meant for faster changes.
 const SHORTEST: Nanos = Nanos::micros(1);

@@ -1,4 +1,4 @@
-//! `[[expect]]`: what is expected of the run.
+//! `[[expect]]`: the expectations of the run.
 
 use isocat_descriptions::document::section::{Key, Kind, Need, Section};
 use isocat_wire::time::Nanos;

@@ -1,4 +1,4 @@
-//! `[[fault]]`: what is to go wrong, and when.
+//! `[[fault]]`: the faults and their times.
 
 use isocat_descriptions::document::section::{Choice, Key, Kind, Need, Rule, Section, Words};
 use isocat_wire::time::Nanos;
@@ -82,13 +82,13 @@ static FAULT: Section = Section {
     rules: &[Rule::Needs("times", "every")],
 };
 
-/// An instant of the language of faults.
+/// An instant in the notation of faults.
 pub(super) const INSTANT: Kind = Kind::Pattern {
     expected: "an instant, such as \"2s\", \"cycle 500\" or \"in-operation + 100ms\"",
     pattern: r"^\s*(when\s+)?(cycle\s+[0-9]+|in-operation|[0-9.]+\s*[a-zµ]+)(\s*\+\s*[0-9.]+\s*[a-zµ]+)?\s*$",
 };
 
-/// The words of the language of faults.
+/// The words for faults.
 struct Vocabulary;
 
 impl Words for Vocabulary {
@@ -98,5 +98,5 @@ impl Words for Vocabulary {
     }
 }
 
-/// More of one fault than a run of an hour at 3 Hz.
+/// More repetitions of a fault than a run of an hour at 3 Hz has cycles.
 const MOST_TIMES: i64 = 10_000;

@@ -1,4 +1,4 @@
-//! The key `modules`: what stands in the slots of a modular device.
+//! The key `modules`: the modules in the slots of a modular device.
 
 use isocat_descriptions::document::section::{Key, Kind, Need, Section};
 
@@ -59,5 +59,5 @@ pub(in super::super) const MODULE_EXPECTED: &str =
     "a type of module such as \"DI16\", its ident, or \"\" for an empty place";
 pub(in super::super) const SLOT_EXPECTED: &str =
     "the name of a slot, or the number of a place from 0";
-/// Most entries of the objects 0xF030 and 0xF050.
+/// Largest number of entries of the objects 0xF030 and 0xF050.
 pub(in super::super) const MOST_PLACES: i64 = 255;

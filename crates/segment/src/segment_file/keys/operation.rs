@@ -1,4 +1,4 @@
-//! What the MainDevice does beside the exchange: `[quality]`, `[delay_watch]`, `recovery`,
+//! Activities of the MainDevice besides the exchange: `[quality]`, `[delay_watch]`, `recovery`,
 //! `direction`, `measure_times`.
 
 use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Section, Word};
@@ -75,7 +75,7 @@ static QUALITY: Section = Section {
     rules: &[],
 };
 
-/// A limit of margins that is one.
+/// A limit of margins, unless it is "off".
 pub(in super::super) const MARGIN: Kind = Kind::duration(Nanos(-LONGEST_CYCLE.0), LONGEST_CYCLE);
 static OFF: [Word<()>; 1] = [("off", "margins are kept and raise no alarm", ())];
 
@@ -139,7 +139,7 @@ static RECOVERIES: [Word<()>; 2] = [
     ("once", "one attempt for each device in the whole run", ()),
 ];
 
-/// Pauses that grow.
+/// Increasing pauses.
 pub(in super::super) static RECOVERY: Section = Section {
     head: "recovery",
     means: "Attempts to bring a device back to OP after pauses that grow.",
@@ -217,7 +217,7 @@ pub(super) const DIRECTION_KEY: Key = Key {
     example: r#""drive-reference""#,
 };
 
-/// Who leads; whether it is the host.
+/// The clock that leads; `true` if it is the host's.
 pub(in super::super) static DIRECTIONS: [Word<bool>; 2] = [
     ("follow-reference", "the reference clock leads, the host follows", false),
     ("drive-reference", "the host's clock leads, the reference clock follows", true),

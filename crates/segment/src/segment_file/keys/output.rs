@@ -1,4 +1,4 @@
-//! `[[output]]`: process data that the MainDevice's application writes on a timeline.
+//! `[[output]]`: process data that the MainDevice's application writes at given times.
 
 use isocat_descriptions::document::section::{Choice, Key, Kind, Need, Rule, Section, Word};
 use isocat_wire::time::Nanos;
@@ -112,7 +112,7 @@ pub(in crate::segment_file) const PLACE: Kind = Kind::Pattern {
     pattern: r"^\s*(0x[0-9A-Fa-f]{1,4}(\s*:\s*[0-9A-Fa-f]{1,2})?|byte\s+[0-9]+)\s*$",
 };
 
-/// Bits, and whether the highest one is a sign.
+/// Number of bits, and whether there is a sign.
 pub(in crate::segment_file) static TYPES: [Word<(u8, bool)>; 6] = [
     ("i8", "8 bits with a sign", (8, true)),
     ("u8", "8 bits without a sign", (8, false)),

@@ -148,7 +148,7 @@ static PLANT: Section = Section {
 
 const INERTIA: Kind = Kind::Decimal { least: 0.000_1, most: 10_000_000.0, unit: "kgcm2" };
 
-/// What a command can be: whether it is a torque.
+/// The kinds of commands; `true` for a torque.
 pub(in crate::segment_file) static COMMANDS: [Word<bool>; 2] = [
     ("position", "target position in increments, as in cyclic synchronous position", false),
     ("torque", "torque, as in cyclic synchronous torque", true),

@@ -1,4 +1,4 @@
-//! Clocks: asked for, or drawn by the seed.
+//! Clocks with a given deviation, or one drawn by the seed.
 
 use super::*;
 use crate::Scenario;
@@ -11,7 +11,7 @@ fn line(head: &str, count: usize) -> SegmentFile {
     SegmentFile::parse("s.toml", &text).unwrap()
 }
 
-/// What the simulated oscillators are off, ppb.
+/// Deviations of the simulated oscillators, ppb.
 fn deviations(file: SegmentFile) -> Vec<i64> {
     let setup = Scenario::from(file).run().setup;
     setup.segment.iter().map(|connection| connection.device.clock.deviation_ppb).collect()
@@ -21,8 +21,8 @@ fn deviations(file: SegmentFile) -> Vec<i64> {
 fn no_two_devices_share_a_perfect_crystal() {
     let mut drawn = deviations(line("", 400));
     assert!(drawn.iter().all(|ppb| ppb.abs() <= 25_000), "{drawn:?}");
-    // Evenly: each tenth of the range has its share of 400, and the mean is near 0 (standard error
-    // 720).
+    // The draw is even: each tenth of the range has its share of 400, and the mean is near 0
+    // (standard error 720).
     for tenth in 0..10 {
         let least = -25_000 + 5_000 * tenth;
         let here = drawn.iter().filter(|ppb| (least..least + 5_000).contains(*ppb)).count();
@@ -40,10 +40,10 @@ fn a_draw_repeats_and_depends_on_seed_and_position_alone() {
     let twenty = deviations(line("", 20));
     assert_eq!(twenty, deviations(line("", 20)));
     assert_ne!(twenty, deviations(line("seed = 2", 20)));
-    // Devices behind, the host's draws and another cycle change nothing.
+    // More devices behind, the host's draws and another cycle change nothing.
     assert_eq!(twenty, deviations(line("", 30))[..20]);
     assert_eq!(twenty, deviations(line("for = \"1s\"\nhost = { jitter = \"0ns\" }", 20)));
-    // The seed may also come from elsewhere than the file.
+    // The seed may also be set outside the file.
     let mut scenario = Scenario::from(line("", 20));
     scenario.seed = 2;
     let setup = scenario.run().setup;

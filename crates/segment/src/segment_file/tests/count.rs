@@ -28,7 +28,7 @@ fn names(segment: &SegmentFile) -> Vec<(&str, Option<(usize, u8)>)> {
 #[test]
 fn equal_devices_stand_one_behind_the_other() {
     let segment = SegmentFile::parse("s.toml", GROUP).unwrap();
-    // By position: what hangs at port 1 of "io 1" comes before what hangs at its port 2.
+    // The order is by position: devices at port 1 of "io 1" come before those at its port 2.
     assert_eq!(
         names(&segment),
         [
@@ -68,7 +68,7 @@ fn counts_that_make_no_sense() {
     assert_eq!(with("65536"), format!("4:9 count = 65536 is out of range; {range}"));
     assert_eq!(with("\"2\""), format!("4:9 count: {range}, found the text \"2\""));
     assert_eq!(with("2.0"), format!("4:9 count: {range}, found the number 2.0"));
-    // All of them together have to find place.
+    // The devices of a table must all fit.
     let two = |first: usize, second: &str| {
         let device = "device = \"kollmorgen_akd2g\"";
         one(&format!("count = {first}\n[[subdevice]]\n{device}\n{second}"))
@@ -89,9 +89,9 @@ fn names_and_places_within_a_group() {
     let (message, hint) = connected("io 3:2");
     assert!(message.starts_with("15:15 connect: no device \"io 3\" above"), "{message}");
     assert!(hint.is_some_and(|hint| hint.contains("io ")));
-    // The place of the middle one, whose port 1 leads on.
+    // The position of the middle one, whose port 1 is in use.
     assert_eq!(connected("2:1").0, "15:15 port 1 of \"io 1\" is taken by \"io 2\"");
-    // A name like one of the numbered ones, before and behind.
+    // Another device has the name of a numbered one, before and after.
     let before = GROUP.replacen("[[subdevice]]", "[[subdevice]]\nname = \"io 2\"", 1);
     assert_eq!(
         refused(&before).0,

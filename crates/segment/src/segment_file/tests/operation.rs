@@ -1,4 +1,4 @@
-//! What the MainDevice does beside the exchange.
+//! Activities of the MainDevice besides the exchange.
 
 use isocat_maindevice::{DelayWatch, QualityWatch, Recovery};
 use isocat_sync::phase::Direction;
@@ -54,7 +54,7 @@ fn every_key() {
     assert!(matches!(direction, Direction::DriveReference { .. }));
 }
 
-/// One step beyond each range, and what is no value at all.
+/// Values one step beyond each range, and invalid values.
 #[test]
 fn mistakes() {
     let quality = |key: &str| fails("", &format!("[quality]\n{key}\n"));

@@ -48,7 +48,7 @@ fn a_tree_comes_in_the_order_of_positions() {
     assert_eq!(found, tree.map(|(name, upstream)| (name.to_owned(), upstream, P0)));
 }
 
-/// Frames pass a swapped device in reverse: it is processed after what hangs on its port 0.
+/// Frames pass a swapped device in reverse: it is processed after the devices on its port 0.
 #[test]
 fn a_swapped_device_leads_on_at_port_0() {
     let found = names(&["name = \"a\"", "name = \"b\"\nport = 1", "name = \"c\""]);
@@ -130,7 +130,7 @@ fn cables_have_speed_and_asymmetry() {
     assert_eq!((plain.cable_delay, plain.cable_asymmetry), (DelayPerMetre(5_000), Nanos::ZERO));
     let cable = subdevice("cable = \"2m\"\ncable_delay = \"4.9ns/m\"\ncable_asymmetry = \"-19ns\"");
     assert_eq!((cable.cable_delay, cable.cable_asymmetry), (DelayPerMetre(4_900), Nanos(-19)));
-    // More than the whole way out and back can't be the difference between the two.
+    // The difference between out and back cannot exceed their sum.
     assert_eq!(
         refused(&one("cable = \"2m\"\ncable_delay = \"4.9ns/m\"\ncable_asymmetry = \"20ns\"")).0,
         "6:19 cable_asymmetry = \"20ns\" is out of range; expected -19 ns to 19 ns"
@@ -161,7 +161,7 @@ fn clocks_have_shapes() {
     let walk = Walk { step_ppb: 50, every: Nanos::millis(100), bound_ppb: 2_000 };
     let text = "clock_walk = { step = \"0.05ppm\", every = \"100ms\", within = \"2ppm\" }";
     assert_eq!(shape(text).walk, Some(walk));
-    // All at their ends together are still a clock.
+    // All values at their limits still give a valid clock.
     let text = "clock_ramp = { by = \"1000ppm\", over = \"1us\" }\n\
                 clock_step = { by = \"-1000ppm\", at = \"0s\" }\n\
                 clock_walk = { step = \"1000ppm\", every = \"1us\", within = \"1000ppm\" }";

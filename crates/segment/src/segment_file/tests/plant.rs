@@ -1,4 +1,4 @@
-//! `[[output]]` and `[[plant]]`: what they become, and every contradiction with its place.
+//! `[[output]]` and `[[plant]]`: their results, and every contradiction with its place.
 
 use isocat_maindevice::written::{Bits, Shape, Start};
 use isocat_sim::plant::Control;
@@ -159,7 +159,7 @@ fn plants_that_cannot_be() {
     );
 }
 
-/// Where outputs act several times a cycle, a loop that runs once would not be what the device does.
+/// If outputs act several times per cycle, a loop that runs once would not behave like the device.
 #[test]
 fn a_position_loop_runs_once_a_cycle() {
     let text = |mode: &str, commands: &str| {

@@ -1,4 +1,4 @@
-//! What is plugged into what: MII, EBUS, and couplers between both.
+//! Connections between ports: MII, EBUS, and couplers between both.
 
 use isocat_wire::PortNumber::{P0, P3};
 
@@ -10,7 +10,7 @@ const COUPLER: &str = "beckhoff_ek1100";
 const TERMINAL: &str = "beckhoff_el2502-0010";
 const EXTENSION: &str = "beckhoff_ek1110";
 
-/// Devices one behind the other, each with more lines; names are a, b, c, …
+/// Devices in a line, each with more lines; their names are a, b, c, …
 fn text(head: &str, devices: &[(&str, &str)]) -> String {
     let mut text = format!("cycle = \"1ms\"\n{head}\n");
     for ((device, lines), name) in devices.iter().zip('a'..) {
@@ -39,7 +39,7 @@ fn each_kind_of_hop_has_its_own_delay() {
     assert_eq!(delays(&[(DRIVE, ""), (DRIVE, "")]), (vec![0, 765_000], vec![10_000; 2]));
     let rail = [(COUPLER, ""), (TERMINAL, ""), (TERMINAL, "")];
     assert_eq!(delays(&rail), (vec![0, 155_000, 310_000], vec![10_000, 0, 0]));
-    // Behind the terminals the frame comes back through the coupler and leaves it by copper.
+    // After the terminals the frame comes back through the coupler and leaves it by copper.
     let both = [(COUPLER, ""), (TERMINAL, ""), (DRIVE, "connect = \"a:2\"")];
     let back = 155_000 + 155_000;
     let forward = 135_000;
@@ -112,7 +112,7 @@ fn ports_of_different_kinds_are_refused() {
             cannot(0, "b", copper, "port 1 of \"a\"", ebus),
             "expected an EtherCAT extension, such as device = \"beckhoff_ek1110\", before it",
         ),
-        // A copper device may be swapped, a coupler may not be entered by its contacts.
+        // A copper device may be swapped, but a coupler may not be entered by its contacts.
         (
             "",
             vec![(DRIVE, ""), (COUPLER, "port = 1")],
@@ -153,7 +153,7 @@ fn contacts_are_no_cable() {
     }
 }
 
-/// Terminals stand on EBUS on both sides, drives and boxes are in copper, couplers have both.
+/// Terminals have EBUS on both sides, drives and boxes have copper, couplers have both.
 #[test]
 fn built_in_devices_have_the_ports_of_their_makers() {
     let kinds = |profile: &Profile| {

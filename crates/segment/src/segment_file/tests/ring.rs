@@ -1,4 +1,4 @@
-//! The key `ring`: where the cable is plugged in, how long it is, and what does not go with it.
+//! The key `ring`: the port of the cable, its length, and the settings that it excludes.
 
 use isocat_wire::PortNumber::{self, P1, P2};
 
@@ -30,10 +30,10 @@ fn the_cable_leads_from_the_last_free_port_of_copper() {
     assert_eq!(closed(&[DRIVE]), (0, P1));
     assert_eq!(closed(&[DRIVE, DRIVE, ("simple_io4", "")]), (2, P1));
     assert_eq!(closed(&[DRIVE, ("simple_io4", "count = 3")]), (3, P1));
-    // Port 2 of a coupler comes behind its terminals.
+    // Port 2 of a coupler comes after its terminals.
     assert_eq!(closed(&[DRIVE, COUPLER, TERMINAL, TERMINAL]), (1, P2));
     assert_eq!(closed(&[COUPLER, TERMINAL, EXTENSION]), (2, P1));
-    // A branch, whatever the order in the file.
+    // A branch gives the same result in any order of the file.
     let branch = ("kollmorgen_akd2g", "connect = \"fork:1\"");
     let way_on = ("kollmorgen_akd2g", "connect = \"fork:2\"\nname = \"on\"");
     let fork = ("simple_io4", "name = \"fork\"");
@@ -77,7 +77,7 @@ fn what_does_not_go_with_a_ring_is_named() {
         let (message, _) = refused(&text);
         assert!(message.starts_with("3:8 ") && message.contains(expected), "{message}");
         assert!(message.contains("expected"), "{message}");
-        // Without the ring there is nothing wrong with it.
+        // Without the ring the file is valid.
         SegmentFile::parse("s.toml", &file(root, devices))
             .unwrap_or_else(|error| panic!("{error}"));
     }
@@ -92,13 +92,13 @@ fn faults_call_the_cable_by_its_name_where_there_is_one() {
     assert_eq!(planned[0].fault.cable(), Some(RING_CABLE));
     let (message, _) = refused(&file(pull, &[DRIVE]));
     assert!(message.contains("expected ring = true"), "{message}");
-    // Without a ring, a device may be called so.
+    // Without a ring, a device may have this name.
     let text = file(pull, &[DRIVE, ("simple_io4", "name = \"ring\"")]);
     let planned = SegmentFile::parse("s.toml", &text).unwrap().faults.planned;
     assert_eq!(planned[0].fault.cable(), Some(1));
 }
 
-/// What comes in the place of the last device has the port that the ring is closed at.
+/// A replacement for the last device must have the port that closes the ring.
 #[test]
 fn who_replaces_the_last_device_has_its_port() {
     let replace = |with: &str| {

@@ -16,7 +16,7 @@ use super::Doubts;
 use crate::report::NoteKind;
 
 impl Doubts {
-    /// Of both objects. `complete`: whatever the device has was read.
+    /// Doubts about both objects. `complete` means that all objects of the device were read.
     pub(super) fn sync_objects(&mut self, device: &SubDevice, complete: bool) {
         let both = [
             (OUTPUT_PARAMETER, device.output_sync.as_ref(), device.outputs.length > 0),
@@ -142,7 +142,7 @@ impl Doubts {
         }
     }
 
-    /// What sub-index 04 announces, against what else there is.
+    /// Compares the announcement of sub-index 04 with the other entries.
     fn announcement(
         &mut self,
         device: &SubDevice,

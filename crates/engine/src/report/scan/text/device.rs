@@ -14,7 +14,7 @@ use super::super::{Delay, Device, Port, PortKind, ProcessData, ScanReport, State
 const HEAD: usize = 15;
 
 impl ScanReport {
-    /// The block of a SubDevice, or all that is known of it.
+    /// Writes the block of a SubDevice, or all its details.
     pub(super) fn write_device(
         &self,
         out: &mut String,
@@ -287,7 +287,8 @@ fn write_pdos(out: &mut String, device: &Device) -> fmt::Result {
     Ok(())
 }
 
-/// One line to a sub-index; what is 0 and means nothing by it only if everything is asked for.
+/// Writes one line for each sub-index; a 0 without a meaning is written only if all details are
+/// requested.
 fn write_sync_object(out: &mut String, object: &SyncObject, full: bool) -> fmt::Result {
     writeln!(out, "  0x{:04X}", object.index)?;
     for entry in &object.entries {
@@ -312,7 +313,7 @@ fn write_sync_object(out: &mut String, object: &SyncObject, full: bool) -> fmt::
     Ok(())
 }
 
-/// As [`wrap`], with the two spaces before a doubt where they fit.
+/// Like [`wrap`], but keeps the two spaces before a doubt if they fit.
 fn wrap_keeping(text: &str, width: usize) -> Vec<String> {
     if text.chars().count() <= width { vec![text.to_owned()] } else { wrap(text, width) }
 }

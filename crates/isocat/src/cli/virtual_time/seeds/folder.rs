@@ -1,4 +1,4 @@
-//! Where the runs of many seeds leave their files, and which of them stay.
+//! The folder for the files of many runs, and which of them stay.
 
 use std::fs;
 use std::io;
@@ -9,13 +9,13 @@ use super::row::Row;
 use crate::cli::IN_SYNC;
 use crate::cli::run::unwritable;
 
-/// Runs that are kept because they were not in sync.
+/// Largest number of runs that are kept because they were not in sync.
 const MOST_FAILED: usize = 100;
 
-/// A folder in which runs write. What nobody wants to see again goes with the run.
+/// A folder to which runs write. Files that are not kept are removed with the run.
 pub struct Folder {
     path: PathBuf,
-    /// It was asked for, and stays.
+    /// Whether the user asked for it, so that it stays.
     stays: bool,
     kept: Mutex<Kept>,
 }
@@ -23,7 +23,7 @@ pub struct Folder {
 #[derive(Default)]
 struct Kept {
     failed: usize,
-    /// The run with the least margin so far, if it is kept for that alone.
+    /// The run with the least margin so far, if it is kept only for that reason.
     closest: Option<(f64, u64)>,
 }
 

@@ -1,4 +1,4 @@
-//! One run among many, and what all of them come to.
+//! One run among many, and the results of all of them.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -10,10 +10,10 @@ use serde_json::{Value, json};
 use crate::cli::virtual_time::outcome::PROGRAM_FAILED;
 use crate::cli::{IN_SYNC, NOT_KNOWN};
 
-/// Runs that the table shows in lines of their own.
+/// Largest number of runs with a separate line in the table.
 const MOST_SHOWN: usize = 20;
 
-/// What became of one run.
+/// The outcome of one run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     /// Place in the sweep.
@@ -23,23 +23,23 @@ pub struct Row {
     pub values: Vec<String>,
     /// The exit code of the run.
     pub code: i32,
-    /// The last session's: `in-sync`, `except`, `not-known`.
+    /// Answer of the last session: `in-sync`, `except`, `not-known`.
     pub answer: String,
-    /// Kind of the first finding; empty where there is none.
+    /// Kind of the first finding; empty without findings.
     pub first_finding: String,
-    /// Least time from the end of copying and calculating to SYNC0, over all SubDevices; negative:
-    /// SYNC0 came first.
+    /// Least time from the end of copying and calculating to SYNC0, over all SubDevices; negative
+    /// if SYNC0 came first.
     pub margin_ns: Option<f64>,
     /// Worst SYNC0 error of all SubDevices.
     pub sync0_error_ns: Option<f64>,
-    /// How the program ended: `exited`, `killed`, `limit`, `stopped`, `deadlock`, `spins`.
+    /// End of the program: `exited`, `killed`, `limit`, `stopped`, `deadlock`, `spins`.
     pub program: String,
     /// Its exit code or signal.
     pub program_code: Option<i64>,
     /// Virtual time.
     pub lasted_ns: i64,
     pub frames: u64,
-    /// Of all frames that came back.
+    /// Hash of all frames that came back.
     pub wire: String,
 }
 
@@ -75,8 +75,8 @@ fn last_session(report: &Value) -> &Value {
     report["sessions"].as_array().and_then(|sessions| sessions.last()).unwrap_or(&Value::Null)
 }
 
-/// The kind of the first finding of a session: of its first stretch of operation that has some, the
-/// earliest there.
+/// The kind of the first finding of a session: the earliest one in its first stretch of operation
+/// with findings.
 fn first_finding(session: &Value) -> Option<String> {
     let judged = &session["judged"];
     let list = |value: &Value| value.as_array().cloned().unwrap_or_default();
@@ -123,7 +123,7 @@ pub fn csv(sweep: &Sweep, rows: &[Row]) -> String {
     out
 }
 
-/// All of it as one JSON document.
+/// All rows as one JSON document.
 pub fn document(sweep: &Sweep, rows: &[Row]) -> Value {
     let axes: Vec<&str> = sweep.axes().iter().map(|axis| axis.key.as_str()).collect();
     json!({
@@ -144,7 +144,7 @@ fn first_findings(rows: &[Row]) -> BTreeMap<&str, u64> {
     counts(rows.iter().map(|row| &row.first_finding[..]).filter(|kind| !kind.is_empty()))
 }
 
-/// What all came to, in words.
+/// The results of all runs, in words.
 pub fn table(sweep: &Sweep, rows: &[Row]) -> String {
     let with = |code: u8| rows.iter().filter(|row| row.code == i32::from(code)).count();
     let [in_sync, not_known, failed] = [IN_SYNC, NOT_KNOWN, PROGRAM_FAILED].map(with);

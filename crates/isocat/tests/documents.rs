@@ -175,14 +175,13 @@ fn furnish(folder: &Path) {
     let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/esi");
     let drive = text(&tests.join("box.xml")).replace(">Drive<", ">EL7041<");
     fs::create_dir_all(folder.join("esi")).expect("a folder");
-    for name in ["vendor.xml", "esi/vendor.xml"] {
+    for name in ["vendor.xml", "beckhoff.xml", "esi/vendor.xml"] {
         fs::write(folder.join(name), &drive).expect("a file");
     }
-    let coupled = drive.replace(">Drive X<", "><").replace(">Terminal<", ">Drive X<");
-    fs::write(folder.join("beckhoff.xml"), coupled).expect("a file");
     fs::copy(tests.join("rack_modules.xml"), folder.join("modules.xml")).expect("a file");
     fs::copy(tests.join("rack.xml"), folder.join("coupler.xml")).expect("a file");
-    fs::copy(tests.join("drives.xml"), folder.join("drives.xml")).expect("a file");
+    let drives = text(&tests.join("drives.xml")).replace(">Two axes<", ">Drive X<");
+    fs::write(folder.join("drives.xml"), drives).expect("a file");
     for line in [
         "isocat example > my.toml && sed -i 's/\"AKD2G axis 2\"/\"axis\"/' my.toml && cp my.toml machine.toml",
         "isocat devices simple_io16 > mine.toml",
@@ -226,8 +225,9 @@ fn each_line_of_the_documents_that_needs_no_wire_does_what_stands_beside_it() {
     for document in documents().iter().filter(|path| path.starts_with(root().join("docs"))) {
         let content = text(document);
         for block in blocks(&content, "```sh\n") {
-            // A table of rows is not written over another one.
+            // A table of rows is not written over another one, and `new` writes a segment of its own.
             let _ = fs::remove_file(folder.join("out.csv"));
+            fs::copy(folder.join("machine.toml"), folder.join("my.toml")).expect("a file");
             for line in block.lines().filter(|line| line.starts_with("isocat ")) {
                 if NEEDS_MORE.iter().any(|needed| line.contains(needed)) {
                     continue;

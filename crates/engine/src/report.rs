@@ -13,6 +13,7 @@ pub mod interface;
 mod note;
 pub mod plant;
 pub mod quality;
+pub mod samples;
 pub mod scan;
 mod services;
 mod text;
@@ -281,6 +282,10 @@ pub struct DeviceTrueTime {
     /// Inputs that arrived a whole cycle or more later than with the first frame that could bring
     /// them.
     pub inputs_late: u64,
+    /// Samples of its inputs; null unless it oversamples inputs.
+    pub input_samples: Option<samples::Samples>,
+    /// Samples of its outputs; null unless it oversamples outputs.
+    pub output_samples: Option<samples::Samples>,
     /// SYNC0 edges that found no outputs ready.
     pub missed_events: u64,
     /// Highest value that 0x1C32:0B took.

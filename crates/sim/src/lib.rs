@@ -12,7 +12,7 @@
 //! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
 //! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call, what it comes to are [`finding`]s;
 //! a [`course`] is when each SubDevice was in sync; a [`plant`] is the machine behind a drive, and [`plant_bench`] tells what lateness
-//! did to it. [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for frames from outside.
+//! did to it; [`sampling`] is what converters do that take or give several samples in a cycle. [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for frames from outside.
 //!
 //! Devices meet only through frames. So a device's own events are caught up with lazily, each time a
 //! frame reaches it: cost is per event, never per tick.
@@ -41,6 +41,7 @@ pub mod plant_bench;
 pub mod probe;
 pub mod random;
 pub mod run;
+pub mod sampling;
 pub mod segment;
 pub mod served;
 pub mod statistics;
@@ -59,6 +60,7 @@ pub use finding::{Finding, Judged, Kind, Place};
 pub use host::HostModel;
 pub use oscillator::ClockModel;
 pub use run::{Outcome, Run};
+pub use sampling::Sampling;
 pub use segment::{Closing, Connection, Lost, Returned, Segment};
 pub use served::{Passage, Served};
 pub use statistics::Statistics;

@@ -4,6 +4,8 @@ use isocat_subdevice::{Event, Step};
 use isocat_wire::time::{Device, Time, True};
 use isocat_wire::{AlState, AlStatusCode};
 
+use crate::sampling::Sample;
+
 /// One event at one SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Observation {
@@ -49,6 +51,8 @@ pub enum Observed {
     Began(Step),
     /// A step of the cycle ended.
     Finished(Step),
+    /// A device that oversamples took a sample, or one of its outputs began to act.
+    Sampled(Sample),
     /// An expected SM event was missed; the counter's new value.
     SmEventMissed(u16),
     /// The state changed.

@@ -22,6 +22,7 @@ pub fn of(event: Observed) -> Option<Moment> {
         Observed::Finished(Step::OutputsValid | Step::LatchInputs)
         | Observed::StillActive(_)
         | Observed::Acknowledged(_)
+        | Observed::Sampled(_)
         | Observed::SmEventMissed(_)
         | Observed::State(..) => return None,
     })

@@ -13,6 +13,7 @@ pub mod interface;
 mod note;
 pub mod plant;
 pub mod quality;
+pub mod samples;
 pub mod scan;
 mod services;
 mod text;
@@ -288,6 +289,10 @@ pub struct DeviceTrueTime {
     pub inputs_age: Option<Span>,
     /// Inputs that arrived a whole cycle or more later than with the first possible frame.
     pub inputs_late: u64,
+    /// Samples of its inputs; null unless it oversamples inputs.
+    pub input_samples: Option<samples::Samples>,
+    /// Samples of its outputs; null unless it oversamples outputs.
+    pub output_samples: Option<samples::Samples>,
     /// SYNC0 edges that came while no outputs were ready.
     pub missed_events: u64,
     /// Highest value of 0x1C32:0B.

@@ -148,6 +148,7 @@ fn main() {
         // 35 ppm fast.
         clock: ClockModel::constant(35_000),
         local_time: Time::ZERO,
+        sampling: None,
     };
     let mut config = Config::new(Nanos::millis(1));
     let mode = Some(SyncMode::DcSync0);

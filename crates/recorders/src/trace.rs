@@ -324,7 +324,8 @@ impl<W: Write> Tap for Trace<W> {
             }
             Observed::StillActive(Event::Sync1) => self.instant(at, process, SYNC1, LOST_PULSE),
             Observed::StillActive(_) => self.instant(at, process, SYNC0, LOST_PULSE),
-            Observed::Acknowledged(_) => {}
+            // They are at SYNC0; their values are for waveforms.
+            Observed::Acknowledged(_) | Observed::Sampled(_) => {}
             Observed::Began(step) => {
                 self.devices[position].open[number(step)] += 1;
                 let track = STEPS.start + number(step);

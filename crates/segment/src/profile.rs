@@ -86,7 +86,7 @@ use isocat_descriptions::document::section::Words;
 use isocat_descriptions::quantity::Ppb;
 use isocat_descriptions::start_up::Transition;
 use isocat_esc::chip::{Chip, PortKind};
-use isocat_sim::Unevenness;
+use isocat_sim::{Sampling, Unevenness};
 use isocat_subdevice::{Description, Misbehaviours};
 use isocat_sync::{SupportedTypes, SyncMode, SyncParameters, object};
 use isocat_wire::soe::Idn;
@@ -143,6 +143,9 @@ pub struct Profile {
     pub times: CpuTimes,
     /// Its use of process data.
     pub application: ApplicationKind,
+    /// Where its samples lie, if it oversamples: in its OpMode each SYNC0 takes one of the inputs, or gives one of the outputs.
+    /// A profile file can't tell.
+    pub sampling: Option<Sampling>,
     /// PDOs to be assigned: written if 0x1C12 and 0x1C13 are writable, otherwise expected.
     pub assignment: Assignment,
     /// Largest deviation of its oscillator in either direction, if the maker states it; `None`:
@@ -528,6 +531,11 @@ impl Profile {
         let of = |index| self.sync_parameters(index).and_then(|object| object.supported);
         let stated = [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER].into_iter().filter_map(of);
         !self.has_mailbox() || stated.into_iter().next().is_some()
+    }
+
+    /// Whether SYNC0 takes samples of its inputs.
+    pub(crate) fn samples_inputs(&self) -> bool {
+        self.sampling.as_ref().is_some_and(|sampling| !sampling.inputs.is_empty())
     }
 
     /// Whether the device has a mailbox to read objects. Otherwise this profile and its SII are all

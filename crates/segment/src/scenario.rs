@@ -229,6 +229,7 @@ pub fn device(profile: &Profile) -> DeviceSetup {
         cpu: cpu(profile),
         clock: ClockModel::constant(0),
         local_time: Time::ZERO,
+        sampling: profile.sampling.clone(),
     }
 }
 
@@ -373,6 +374,8 @@ fn application(profile: &Profile) -> Box<dyn Application + Send> {
     match profile.application {
         ApplicationKind::Drive => Box::new(Drive::default()),
         ApplicationKind::DriveAt(layout) => Box::new(LaidOutDrive::new(layout)),
+        // Its inputs are samples of a signal, and no copies of outputs.
+        ApplicationKind::Io if profile.samples_inputs() => Box::new(()),
         ApplicationKind::Io => io(profile),
     }
 }

@@ -124,7 +124,8 @@ fn device(
     };
     if took_part {
         let lost = finding::Judged::sync_still_active(&bench.lost_pulses, &device.esc);
-        judged.findings = findings(at, &judged, bench, lost, (began, ended));
+        let samples = device.sampling().map_or(0, |sampling| sampling.samples);
+        judged.findings = findings(at, &judged, bench, (lost, samples), (began, ended));
     }
     judged
 }
@@ -133,7 +134,7 @@ fn findings(
     position: usize,
     judged: &JudgedDevice,
     bench: &DeviceBench,
-    lost: Option<(Time<True>, finding::Judged)>,
+    (lost, samples): (Option<(Time<True>, finding::Judged)>, u16),
     (began, ended): (Time<True>, Time<True>),
 ) -> Vec<Finding> {
     let mut findings = Vec::new();
@@ -172,6 +173,8 @@ fn findings(
     let late = [
         finding::Judged::outputs_late(bench.outputs_cycle.late()),
         finding::Judged::inputs_late(bench.inputs_cycle.late()),
+        finding::Judged::samples_incomplete(&bench.output_samples, true, samples),
+        finding::Judged::samples_incomplete(&bench.input_samples, false, samples),
     ];
     for (at, kind) in late.into_iter().flatten().filter(|(at, _)| within(*at)) {
         find(Some(at), kind);

@@ -4,12 +4,14 @@ use isocat_subdevice::{Chain, Step, SyncMode};
 use isocat_wire::time::{Device, Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
+use crate::device;
 use crate::judge::inputs_cycle::{self, Fetched};
 use crate::judge::{
     Grid, HostPhase, InputsCycle, LostPulses, MissedEvents, Opportunity, OutputsCycle,
-    OutputsDelay, OutputsValid, Sync0Error, SyncMargin, outputs_cycle,
+    OutputsDelay, OutputsValid, Samples, Sync0Error, SyncMargin, outputs_cycle,
 };
 use crate::observation::{Content, Observation, Observed};
+use crate::sampling::{Sample, Sampling};
 use crate::segment::Segment;
 use crate::wiring::MainPort;
 
@@ -72,6 +74,10 @@ pub struct DeviceBench {
     pub outputs_cycle: OutputsCycle,
     /// Whether inputs arrive in their cycle.
     pub inputs_cycle: InputsCycle,
+    /// Samples of inputs; nothing where the device does not oversample.
+    pub input_samples: Samples,
+    /// Samples of outputs.
+    pub output_samples: Samples,
     /// Missed SM events.
     pub missed: MissedEvents,
     /// All changes of state, from power-on.
@@ -136,6 +142,7 @@ impl Bench {
             device.outputs_delay = OutputsDelay::new(intent.outputs_spread);
             device.outputs_cycle = OutputsCycle::default();
             device.inputs_cycle = InputsCycle::default();
+            (device.input_samples, device.output_samples) = Default::default();
             device.bounds = Bounds::new(sync0, of(&intent.acting), of(&intent.exchange));
         }
         let synchronized = intent.sync0.iter().flatten().count();
@@ -263,6 +270,9 @@ impl DeviceBench {
         let device = &segment.devices()[index];
         let chain = || device.stack.sync().chain();
         let exchange = || intent.exchange.get(index).copied().flatten().unwrap_or(intent.send);
+        if let Some(sampling) = device.sampling() {
+            self.follow_samples(device, observation, sampling);
+        }
         match event {
             Observed::Sm2 => {
                 self.outputs_cycle.stored(content.frame);
@@ -291,6 +301,44 @@ impl DeviceBench {
             _ => {}
         }
         None
+    }
+
+    /// The same for a device that oversamples. The first channel of a direction stands for all: they are sampled together.
+    fn follow_samples(
+        &mut self,
+        device: &device::Device,
+        observation: &Observation,
+        sampling: &Sampling,
+    ) {
+        let at = || device.oscillator().when(observation.device_at);
+        let samples = sampling.samples.into();
+        match observation.event {
+            Observed::Sync0 if !sampling.outputs.is_empty() => self.output_samples.pulse(at()),
+            Observed::Sampled(Sample { channel: 0, is_output: false, .. }) => {
+                self.input_samples.sample(at());
+                self.input_samples.pulse(at());
+                self.input_samples.waits(at(), samples);
+            }
+            Observed::Sampled(Sample { channel: 0, number, .. }) => {
+                if number == 0 {
+                    self.output_samples.begins(at(), samples);
+                }
+                self.output_samples.sample(at());
+            }
+            Observed::Began(Step::LatchInputs) if !sampling.inputs.is_empty() => {
+                self.input_samples.handed_over(at(), samples);
+            }
+            Observed::Began(Step::OutputsValid)
+                if !sampling.outputs.is_empty() && observation.content.frame != Time::ZERO =>
+            {
+                self.output_samples.valid(at());
+            }
+            Observed::State(..) => {
+                self.input_samples.interrupted();
+                self.output_samples.interrupted();
+            }
+            _ => {}
+        }
     }
 
     fn outputs_bound(

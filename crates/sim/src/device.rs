@@ -15,6 +15,7 @@ use crate::observation::{Content, Observation, Observed};
 use crate::oscillator::{Bend, ClockModel, Oscillator};
 use crate::plant::{Acted, Plant, PlantSetup};
 use crate::random::Stream;
+use crate::sampling::{Sampler, Sampling};
 use crate::storage::Storage;
 
 /// The parts of a SubDevice of a run.
@@ -33,6 +34,9 @@ pub struct DeviceSetup {
     pub clock: ClockModel,
     /// Its local time at power-on.
     pub local_time: Time<Local>,
+    /// Where its samples lie, if it oversamples. The samples of its inputs stand in the image before its application maps
+    /// the rest.
+    pub sampling: Option<Sampling>,
 }
 
 /// A SubDevice in true time. It processes its own events up to the instants at which the segment
@@ -80,6 +84,7 @@ impl Device {
             mapped: false,
             acted: false,
             plant: None,
+            sampler: setup.sampling.map(|sampling| Box::new(Sampler::new(sampling))),
         };
         let mut description = setup.description;
         // When it acknowledges SYNC is the CPU's.
@@ -134,6 +139,11 @@ impl Device {
     /// Takes the actions on its plant since the last call, in order; empty without a plant.
     pub(crate) fn take_acted(&mut self) -> impl Iterator<Item = Acted> + '_ {
         self.application().plant.iter_mut().flat_map(Plant::take_acted)
+    }
+
+    /// Where its samples lie, if it oversamples.
+    pub fn sampling(&self) -> Option<&Sampling> {
+        self.stack.application().sampler.as_deref().map(Sampler::sampling)
     }
 
     /// Tells its plant the time of the next action.
@@ -531,6 +541,10 @@ impl Device {
     ) {
         self.report(at, observed, content, watch);
         self.tell_time(at);
+        let samples = self.stack.application().sampler.is_some();
+        if samples {
+            self.begin_sampling(at);
+        }
         let pdi = &mut self.esc.pdi(at);
         let steps = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
         let pulse = self.stack.take_unacknowledged().then_some(event);
@@ -539,7 +553,26 @@ impl Device {
             self.cpu.put(&self.ready, 0);
             self.cpu.times(at, steps, pulse, &mut self.ready);
         }
+        if samples {
+            self.tell_samples(at, watch);
+        }
         self.look(at, watch);
+    }
+
+    /// What the converters do at the event that follows, they do at this instant.
+    fn begin_sampling(&mut self, at: Time<DeviceClock>) {
+        let now = self.oscillator.when(at);
+        if let Some(sampler) = &mut self.application().sampler {
+            sampler.tell_time(now);
+            sampler.clear_seen();
+        }
+    }
+
+    fn tell_samples(&self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        let sampler = self.stack.application().sampler.as_deref();
+        for sample in sampler.map(Sampler::seen).unwrap_or_default() {
+            self.report(at, Observed::Sampled(*sample), Content::default(), watch);
+        }
     }
 
     fn call_back(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
@@ -606,6 +639,8 @@ pub struct BoxedApplication {
     acted: bool,
     /// The plant that its outputs move.
     plant: Option<Plant>,
+    /// The converters of a device that oversamples.
+    sampler: Option<Box<Sampler>>,
 }
 
 impl BoxedApplication {
@@ -621,14 +656,17 @@ impl BoxedApplication {
 impl Application for BoxedApplication {
     fn power_off(&mut self) {
         self.plant.iter_mut().for_each(Plant::release);
+        self.sampler.iter_mut().for_each(|sampler| sampler.power_off());
         self.application.power_off();
     }
     fn event(&mut self, event: Event) {
+        self.sampler.iter_mut().for_each(|sampler| sampler.event(event));
         self.application.event(event);
     }
     fn map_outputs(&mut self, outputs: &[u8]) {
         self.mapped = true;
         self.plant.iter_mut().for_each(|plant| plant.map(outputs));
+        self.sampler.iter_mut().for_each(|sampler| sampler.map(outputs));
         self.application.map_outputs(outputs);
     }
     fn application(&mut self, cycle: isocat_wire::Nanos) {
@@ -641,14 +679,17 @@ impl Application for BoxedApplication {
     }
     fn latch_inputs(&mut self) {
         self.plant.iter_mut().for_each(Plant::latch);
+        self.sampler.iter_mut().for_each(|sampler| sampler.latch());
         self.application.latch_inputs();
     }
     fn map_inputs(&mut self, inputs: &mut [u8]) {
+        self.sampler.iter().for_each(|sampler| sampler.show(inputs));
         self.application.map_inputs(inputs);
         self.plant.iter().for_each(|plant| plant.show(inputs));
     }
     fn safe_outputs(&mut self) {
         self.plant.iter_mut().for_each(Plant::release);
+        self.sampler.iter_mut().for_each(|sampler| sampler.release());
         self.application.safe_outputs();
     }
     fn read_object(

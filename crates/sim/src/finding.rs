@@ -11,7 +11,7 @@ use isocat_maindevice::{Cause, SegmentChange, Stage, kinds};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress, register};
 
-use crate::judge::{Late, LostPulses};
+use crate::judge::{Late, LostPulses, Samples};
 
 /// A condition that keeps the segment from being in sync.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -167,6 +167,18 @@ kinds! {
             /// at the MainDevice.
             age: Picos,
         },
+        /// A device that oversamples handed over a set of samples that was not whole: pulses of SYNC0 were missing, or there
+        /// were too many.
+        SamplesIncomplete = "samples-incomplete" {
+            /// Whether they are samples of outputs; else of inputs.
+            outputs: bool,
+            /// Samples of a whole set.
+            expected: u64,
+            /// Samples of the first set that was not whole.
+            found: u64,
+            /// Sets that were not whole.
+            count: u64,
+        },
         /// 0x1C32:0B or 0x1C33:0B increased.
         SmEventMissed = "sm-event-missed" {
             /// The counter.
@@ -277,6 +289,17 @@ impl Judged {
     pub fn inputs_late(late: &Late) -> Option<(Time<True>, Self)> {
         let (cycles, count, age) = (late.cycles(), late.count(), late.age());
         Some((late.first()?, Self::InputsLate { cycles, count, age }))
+    }
+
+    /// Sets of samples were not whole, and since when; `None` if all were. `expected` is how many samples a set has.
+    pub fn samples_incomplete(
+        samples: &Samples,
+        outputs: bool,
+        expected: u16,
+    ) -> Option<(Time<True>, Self)> {
+        let ((at, found), expected) = (samples.first_incomplete()?, expected.into());
+        let count = samples.incomplete();
+        Some((at, Self::SamplesIncomplete { outputs, expected, found, count }))
     }
 
     /// SYNC pulses of an ESC that made no edge, and since when; `None` if each pulse made one.

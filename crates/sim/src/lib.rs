@@ -10,12 +10,10 @@
 //! `flight` and `disturbance` handle frames that meet a change on their way. [`mod@fault`]
 //! describes the possible faults as data.
 //!
-//! Events are passed as [`observation`]s to the [`judge`]s on their [`mod@bench`]. Judges know true
-//! time and the intent, but not the plan. [`run`] is the whole main job in one call, and its
-//! results are [`finding`]s; a [`course`] records when each SubDevice was in sync. A [`plant`] is
-//! the machine behind a drive, and [`plant_bench`] shows the effect of lateness on it.
-//! [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for
-//! frames from outside.
+//! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
+//! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call, what it comes to are [`finding`]s;
+//! a [`course`] is when each SubDevice was in sync; a [`plant`] is the machine behind a drive, and [`plant_bench`] tells what lateness
+//! did to it; [`sampling`] is what converters do that take or give several samples in a cycle. [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for frames from outside.
 //!
 //! Devices affect each other only through frames. So the events of a device are processed lazily,
 //! each time a frame reaches it: the cost is per event, not per tick.
@@ -44,6 +42,7 @@ pub mod plant_bench;
 pub mod probe;
 pub mod random;
 pub mod run;
+pub mod sampling;
 pub mod segment;
 pub mod served;
 pub mod statistics;
@@ -62,6 +61,7 @@ pub use finding::{Finding, Judged, Kind, Place};
 pub use host::HostModel;
 pub use oscillator::ClockModel;
 pub use run::{Outcome, Run};
+pub use sampling::Sampling;
 pub use segment::{Closing, Connection, Lost, Returned, Segment};
 pub use served::{Passage, Served};
 pub use statistics::Statistics;

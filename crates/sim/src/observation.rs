@@ -4,6 +4,8 @@ use isocat_subdevice::{Event, Step};
 use isocat_wire::time::{Device, Time, True};
 use isocat_wire::{AlState, AlStatusCode};
 
+use crate::sampling::Sample;
+
 /// One event at one SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Observation {
@@ -51,6 +53,8 @@ pub enum Observed {
     Began(Step),
     /// A step of the cycle ended.
     Finished(Step),
+    /// A device that oversamples took a sample, or one of its outputs began to act.
+    Sampled(Sample),
     /// An expected SM event was missed; the value is that of the counter.
     SmEventMissed(u16),
     /// The state changed.

@@ -521,9 +521,13 @@ impl<T: Tap> Outcome<T> {
             let (spread, limit) = (bench.outputs_delay.spread(), bench.outputs_delay.limit());
             findings.push((Some(at), Judged::OutputsUneven { spread, limit }));
         }
+        let device = &self.world.segment().devices()[position];
+        let samples = device.sampling().map_or(0, |sampling| sampling.samples);
         let late = [
             Judged::outputs_late(bench.outputs_cycle.late()),
             Judged::inputs_late(bench.inputs_cycle.late()),
+            Judged::samples_incomplete(&bench.output_samples, true, samples),
+            Judged::samples_incomplete(&bench.input_samples, false, samples),
         ];
         findings.extend(late.into_iter().flatten().map(|(at, kind)| (Some(at), kind)));
         for (index, counters) in [

@@ -406,7 +406,8 @@ fn note(observations: &mut Vec<Observation>, everything: bool, observation: Obse
             Began(step) => matches!(step, Step::MapOutputs | Step::OutputsValid),
             Finished(step) => step == Step::MapOutputs,
             Acknowledged(_) => false,
-            Sm2 | Sm3 | Sync0 | Sync1 | StillActive(_) | SmEventMissed(_) | State(..) => true,
+            Sm2 | Sm3 | Sync0 | Sync1 | StillActive(_) | SmEventMissed(_) | State(..)
+            | Sampled(_) => true,
         };
     if concerns {
         observations.push(observation);

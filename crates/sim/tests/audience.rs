@@ -51,6 +51,7 @@ fn segment() -> Segment {
             cpu: CpuModel { reaction: isocat_wire::Nanos(1 << 50), ..CpuModel::default() },
             clock: ClockModel::constant(0),
             local_time: Time::ZERO,
+            sampling: None,
         };
         Connection::new(parent, Cable::of_length(1_000), device)
     };

@@ -6,8 +6,8 @@ use super::pdo::{Direction, EsiPdo};
 use super::sync_manager::Purpose;
 use super::warning::{WarningKind, Warnings};
 
-/// The process data of a device: PDOs by SyncManager, ascending, each list in the order of the
-/// process data.
+/// The process data of a device: PDOs by SyncManager, ascending, each list in the order of the process data. The entries of a PDO
+/// that oversamples stand there as often as [`EsiPdo::oversampling`] says.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Image {
     /// Process data from the MainDevice, by SyncManager number.
@@ -93,9 +93,9 @@ pub(super) fn default(
     image
 }
 
-/// A PDO with its entries repeated `factor` times, each with a separate index.
+/// A PDO whose entries repeat `factor` times, each with its own index. Its own factor becomes this one.
 fn oversampled(pdo: &EsiPdo, factor: u16) -> EsiPdo {
-    let mut pdo = pdo.clone();
+    let mut pdo = EsiPdo { oversampling: factor, ..pdo.clone() };
     if factor > 1 {
         let one = std::mem::take(&mut pdo.entries);
         for number in 0..factor {

@@ -6,12 +6,14 @@ use isocat_maindevice::statistics::Summary;
 use isocat_segment::Scenario;
 use isocat_segment::segment_file::Clock;
 use isocat_sim::bench::DeviceBench;
+use isocat_sim::sampling::{Channel, Sampling};
 use isocat_sim::{Judged, Outcome, Place, Statistics, Tap, run};
 use isocat_sync::SyncMode;
 use isocat_sync::delay::Delay;
 use isocat_wire::time::{Nanos, Picos};
 
 use super::expected;
+use super::samples::Samples;
 use super::times::MeasuredTimes;
 use super::words::Family;
 use super::*;
@@ -207,6 +209,7 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
             &outcome.bench.devices()[position],
             mode,
             oscillator(scenario, position),
+            wanted.profile.sampling.as_ref(),
         ),
         registers: registers(outcome, position),
         plan: budget.map_or(Vec::new(), |(_, budget)| {
@@ -248,9 +251,18 @@ fn oscillator(scenario: &Scenario, position: usize) -> Oscillator {
     }
 }
 
-fn true_time(bench: &DeviceBench, mode: SyncMode, clock: Oscillator) -> DeviceTrueTime {
+fn true_time(
+    bench: &DeviceBench,
+    mode: SyncMode,
+    clock: Oscillator,
+    sampling: Option<&Sampling>,
+) -> DeviceTrueTime {
     let with_sync0 = |statistics: &Statistics| {
         if mode.uses_dc() { span(statistics) } else { None }
+    };
+    let samples = |channels: fn(&Sampling) -> &[Channel], judge| {
+        let sampling = sampling.filter(|sampling| !channels(sampling).is_empty())?;
+        Some(Samples::new(judge, sampling.samples))
     };
     DeviceTrueTime {
         clock,
@@ -262,6 +274,8 @@ fn true_time(bench: &DeviceBench, mode: SyncMode, clock: Oscillator) -> DeviceTr
         outputs_late: bench.outputs_cycle.late().count(),
         inputs_age: span(bench.inputs_cycle.age()),
         inputs_late: bench.inputs_cycle.late().count(),
+        input_samples: samples(|sampling| &sampling.inputs, &bench.input_samples),
+        output_samples: samples(|sampling| &sampling.outputs, &bench.output_samples),
         missed_events: bench.missed.count(),
         highest_missed_counter: bench.missed.highest(),
         state: bench.states.last().map_or(AlState::Init, |change| change.state),

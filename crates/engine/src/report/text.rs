@@ -12,6 +12,7 @@ use isocat_wire::time::Nanos;
 
 use super::age::{self, DataAge};
 use super::expected;
+use super::samples;
 use super::{Counters, Device, DeviceRegisters, Finding, Report, Ring, Span, Spread};
 
 /// Largest numbers of findings and of SubDevices that are shown.
@@ -53,6 +54,7 @@ impl Report {
         if self.segment.plan.is_some() {
             self.write_devices(out)?;
             self.write_ages(out)?;
+            samples::write(out, &self.devices)?;
         }
         if let Some(plants) = &self.plants {
             plants.write(out)?;

@@ -118,6 +118,13 @@ fn judged(kind: &Judged, family: Family) -> String {
             whole_cycles(*cycles),
             time(*age)
         ),
+        Judged::SamplesIncomplete { outputs, expected, found, count } => {
+            let direction = if *outputs { "output" } else { "input" };
+            let sets = if *count == 1 { "1 set".into() } else { format!("{count} sets") };
+            format!(
+                "{sets} of {direction} samples not whole: the first has {found}, expected {expected}"
+            )
+        }
         Judged::SmEventMissed { object, grew, value } => {
             format!("SM event missed: {object} grew by {grew} to {value}")
         }

@@ -4,7 +4,7 @@ use isocat_descriptions::quantity::time;
 use isocat_engine::Report;
 use isocat_engine::diagnosis::{Diagnosis, diagnose};
 use isocat_engine::recording::{Recorded, RecordedDevice};
-use isocat_engine::report::Device;
+use isocat_engine::report::{Device, Span};
 use isocat_maindevice::Segment;
 use isocat_sync::SyncMode;
 use isocat_sync::budget::Check;
@@ -170,6 +170,51 @@ impl Run<'_> {
         }
     }
 
+    /// The samples of devices that oversample; nothing without.
+    fn samples(&self) -> Markup {
+        let devices = self.report.devices.iter();
+        let all: Vec<_> = devices
+            .flat_map(|device| {
+                let seen = &device.true_time;
+                let both = [("inputs", seen.input_samples), ("outputs", seen.output_samples)];
+                both.into_iter().filter_map(move |(of, samples)| Some((device, of, samples?)))
+            })
+            .collect();
+        let figures: [fn(&Span) -> f64; 3] =
+            [|all| all.min_ns, |all| all.mean_ns, |all| all.max_ns];
+        let heads = [
+            "#",
+            "samples of",
+            "",
+            "in set",
+            "sets",
+            "not whole",
+            "sample to sample [t]: least",
+            "mean",
+            "largest",
+        ];
+        let rows = html! {
+            @for (device, of, samples) in &all {
+                tr {
+                    td.number { (device.position) }
+                    td { (device.name) }
+                    td.word { (of) }
+                    td.number { (samples.in_set) }
+                    td.number { (samples.sets) }
+                    td.number.bad[samples.incomplete > 0] { (samples.incomplete) }
+                    @for figure in figures {
+                        td.number { (samples.distance.as_ref().map_or("-".into(), |all| ns(figure(all)))) }
+                    }
+                }
+            }
+        };
+        html! {
+            @if !all.is_empty() {
+                (table(&heads, rows))
+            }
+        }
+    }
+
     fn devices(&self) -> Markup {
         let heads = [
             "show",
@@ -223,6 +268,7 @@ impl Run<'_> {
                     "MainDevice to Outputs Valid, of inputs from Input Latch to the MainDevice. A box hides a SubDevice below."
                 }
                 (table(&heads, rows))
+                (self.samples())
             }
         }
     }

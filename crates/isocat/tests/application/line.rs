@@ -84,6 +84,7 @@ pub fn connections(count: usize) -> Vec<Connection> {
         cpu: CpuModel::default(),
         clock: ClockModel::constant(((position as i64 * 7919 + 20) % 41 - 20) * 1000),
         local_time: Time::ZERO,
+        sampling: None,
     };
     (0..count)
         .map(|position| {

@@ -157,6 +157,46 @@ fn documented_faults_are_the_same_without_the_lane() {
     assert!(judged * 10 >= all.len() * 9, "{judged} of {} got into operation", all.len());
 }
 
+/// Devices that oversample: inputs and outputs, with a program and without, and a set that is never whole.
+#[test]
+fn samples_are_the_same_without_the_lane() {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("lane");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let path = folder.join("sampler.xml");
+    let mut all = Vec::new();
+    for (kind, purpose) in [("TxPdo", "Inputs"), ("RxPdo", "Outputs")] {
+        for (emulation, sync0) in [("0C", ""), ("0D", ""), ("0C", "sync0_cycle = \"250us\"\n")] {
+            let name = format!("{purpose}-{emulation}.xml");
+            let description = sampler(kind, purpose, emulation);
+            std::fs::write(path.with_file_name(&name), description).expect("a file");
+            let esi = path.with_file_name(&name).display().to_string();
+            let device = format!("[[subdevice]]\nesi = {esi:?}\ntype = \"Sampler\"\n{sync0}");
+            let fault = "[[fault]]\nat = \"in-operation + 20ms\"\nwhat = \"drop 2\"\n";
+            let text = format!(
+                "cycle = \"1ms\"\nfor = \"40ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n{device}{device}{fault}"
+            );
+            all.push((format!("{name} {sync0}"), text));
+        }
+    }
+    let (judged, failures) = try_all(&all);
+    assert!(failures.is_empty(), "{}", failures.join("\n\n"));
+    assert_eq!(judged, all.len());
+}
+
+/// Ten samples of 8 bits in a cycle.
+fn sampler(kind: &str, purpose: &str, emulation: &str) -> String {
+    format!(
+        "<EtherCATInfo><Vendor><Id>1</Id><Name>Nobody</Name></Vendor><Descriptions><Groups><Group><Type>G</Type></Group></Groups>\
+         <Devices><Device Physics=\"YY\"><Type ProductCode=\"2\" RevisionNo=\"3\">Sampler</Type><GroupType>G</GroupType>\
+         <Sm StartAddress=\"#x1000\" ControlByte=\"#x44\" Enable=\"1\">{purpose}</Sm><{kind} Sm=\"0\" OSFac=\"10\" \
+         OSIndexInc=\"1\"><Index>#x1A00</Index><Name>S</Name><Entry><Index>#x6000</Index><SubIndex>1</SubIndex><BitLen>8</BitLen>\
+         <Name>S</Name><DataType>USINT</DataType></Entry></{kind}><Dc><OpMode><Name>Samples</Name>\
+         <AssignActivate>#x0730</AssignActivate><CycleTimeSync0 Factor=\"-10\">0</CycleTimeSync0>\
+         <CycleTimeSync1 Factor=\"-1\">0</CycleTimeSync1></OpMode></Dc><Eeprom><ByteSize>256</ByteSize>\
+         <ConfigData>04{emulation}00cce803</ConfigData></Eeprom></Device></Devices></Descriptions></EtherCATInfo>"
+    )
+}
+
 /// Number of scenarios that run by default.
 const FEW: u64 = 24;
 /// Number of cycles that each scenario runs at least.

@@ -202,6 +202,7 @@ impl Draft<'_> {
             clock_tolerance: self.esc.clock_tolerance,
             times,
             application: self.application,
+            sampling: None,
             assignment: Assignment {
                 outputs: recommended(&self.outputs),
                 inputs: recommended(&self.inputs),

@@ -15,6 +15,7 @@ use isocat_descriptions::esi::{
     Direction, EsiDevice, EsiFile, EsiOpMode, EsiPdo, FittedModule, Purpose, data_type,
 };
 use isocat_esc::chip::{Chip, DcUnits, ET1100};
+use isocat_sim::Sampling;
 use isocat_subdevice::description::{Behaviour, Mailbox};
 use isocat_subdevice::{MAX_AREAS, MAX_MAILBOX, MAX_PROCESS_DATA, MIN_MAILBOX, Speaks};
 use isocat_sync::{SupportedTypes, object};
@@ -32,6 +33,7 @@ use super::{ApplicationKind, Identity, OpMode, Origin, Profile, check, dictionar
 mod eeprom;
 mod objects;
 mod op_mode;
+mod sampling;
 mod soe;
 mod startup;
 
@@ -135,6 +137,10 @@ impl ProfileText {
         let device = &*file.with_default_modules(device);
         let mut import = Import::new(file, device, op_mode);
         let draft = import.draft().map_err(|not_simulated| not_simulated.error)?;
+        if import.sampling.is_some() {
+            let words = "a profile file has no samples: all values of a cycle are taken at once";
+            import.doubts.push(Doubt::new(sampling::DOUBT, words.to_owned()));
+        }
         let doubts = import.doubts.iter().map(|doubt| format!("{}: {}", doubt.kind, doubt.what));
         super::write::text(draft, made_of, doubts.collect())
     }
@@ -148,6 +154,7 @@ struct Import<'f> {
     emulated: bool,
     assumed: Vec<Assumed>,
     doubts: Vec<Doubt>,
+    sampling: Option<Sampling>,
 }
 
 impl<'f> Import<'f> {
@@ -159,6 +166,7 @@ impl<'f> Import<'f> {
             emulated: false,
             assumed: Vec::new(),
             doubts: Vec::new(),
+            sampling: None,
         }
     }
 
@@ -167,6 +175,7 @@ impl<'f> Import<'f> {
         let of = |error| NotSimulated { obstacle: Obstacle::TooLarge, error };
         let mut profile = draft.finish().map_err(of)?;
         profile.doubts = self.doubts;
+        profile.sampling = self.sampling;
         profile.physics = self.device.physics.clone();
         profile.origin = Origin::Description;
         Ok(profile)
@@ -193,6 +202,7 @@ impl<'f> Import<'f> {
         }
         let mut outputs = self.area(Direction::Outputs, &image.outputs, mailbox.is_some())?;
         let mut inputs = self.area(Direction::Inputs, &image.inputs, mailbox.is_some())?;
+        self.sampling = self.sampling(&image);
         self.emulated = mailbox.is_none() && self.has_emulation([&outputs, &inputs]);
         shorten(&mut outputs, &inputs, mailbox.map(|mailbox| mailbox.value));
         shorten(&mut inputs, &outputs, mailbox.map(|mailbox| mailbox.value));

@@ -65,6 +65,7 @@ fn segment(reference_ppb: i64, seed: u64) -> Segment {
         cpu: CpuModel::default(),
         clock: ClockModel::constant(reference_ppb),
         local_time: Time::new(777_000_000_123),
+        sampling: None,
     };
     // Laws are compared to a tick; the jitter of a hop is the same for all of them.
     let connection = Connection::new(None, Cable::of_length(10_000), device);

@@ -12,6 +12,7 @@ pub mod outputs_cycle;
 pub mod outputs_delay;
 pub mod outputs_valid;
 pub mod plant;
+pub mod samples;
 pub mod sync0_error;
 pub mod sync_margin;
 
@@ -23,6 +24,7 @@ pub use opportunity::{Late, Opportunity};
 pub use outputs_cycle::OutputsCycle;
 pub use outputs_delay::OutputsDelay;
 pub use outputs_valid::OutputsValid;
+pub use samples::Samples;
 pub use sync_margin::SyncMargin;
 pub use sync0_error::Sync0Error;
 

@@ -48,6 +48,7 @@ pub fn device(chip: &'static Chip, clock: ClockModel, local_time: Time<Local>) -
         cpu: CpuModel::default(),
         clock,
         local_time,
+        sampling: None,
     }
 }
 

@@ -148,7 +148,7 @@ pub struct ProcessSyncManager {
     pub start: u16,
     /// Control byte (register 0x0804 + 8 n).
     pub control: u8,
-    /// It is switched on.
+    /// It is switched on. One without process data is not, and a window is not: an FMMU alone maps its bytes.
     pub enabled: bool,
     /// The assigned PDOs, in this order.
     pub pdos: Vec<u16>,

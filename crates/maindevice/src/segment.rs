@@ -320,6 +320,8 @@ pub struct ProcessData {
     pub pdos: Vec<Pdo>,
     /// SyncManager that guards them, the first one of several; `None` without process data in this direction.
     pub sync_manager: Option<u8>,
+    /// The first one is a window: see [`Guarded::window`].
+    pub window: bool,
     /// First byte in the ESC's memory.
     pub start: u16,
     /// Bytes in the process image, those of further SyncManagers included.
@@ -341,6 +343,9 @@ pub struct Guarded {
     pub length: u16,
     /// How many of the PDOs lie in it, in the order of [`ProcessData::pdos`].
     pub pdos: usize,
+    /// It is a window: the SyncManager stays off, and an FMMU alone maps the bytes, as a rule registers
+    /// (bit 2, "virtual", of its record in the SII).
+    pub window: bool,
 }
 
 impl Segment {
@@ -368,8 +373,22 @@ impl ProcessData {
             start: self.start,
             length: self.length.saturating_sub(further),
             pdos: self.pdos.len().saturating_sub(elsewhere),
+            window: self.window,
         });
         first.into_iter().chain(self.further.iter().copied())
+    }
+
+    /// The bytes of the first SyncManager that is no window: first byte in the process image, and how many;
+    /// `None` if there are none. Windows are read in any state, these only once the device has filled them.
+    pub(crate) fn exchanged(&self) -> Option<(u32, u16)> {
+        let mut logical = self.logical;
+        for guarded in self.guarded() {
+            if !guarded.window && guarded.length > 0 {
+                return Some((logical, guarded.length));
+            }
+            logical += u32::from(guarded.length);
+        }
+        None
     }
 
     /// Each SyncManager with the PDOs in it.

@@ -247,6 +247,8 @@ pub struct SyncManager {
     pub control_in_words: String,
     /// Enabled by the SII.
     pub enabled: bool,
+    /// By the SII a window (bit 2, "virtual"): it stays off, and an FMMU alone maps what is assigned to it.
+    pub window: bool,
     /// Use by the SII: unused, mailbox out, mailbox in, outputs, inputs.
     pub use_in_sii: String,
     /// Use by object 0x1C00; null if that was not read.
@@ -279,6 +281,8 @@ pub struct ProcessData {
     pub source: String,
     /// SyncManager that guards them, the first of several; null without.
     pub sync_manager: Option<u8>,
+    /// The first one is a window: the SyncManager is off, and an FMMU alone maps the bytes, as a rule registers.
+    pub window: bool,
     /// First byte in the ESC's memory.
     pub start: u16,
     /// Bytes, those of further SyncManagers included.
@@ -299,6 +303,8 @@ pub struct Guarded {
     pub start: u16,
     /// Bytes.
     pub length: u16,
+    /// It is a window.
+    pub window: bool,
 }
 
 /// A PDO with what is mapped into it.

@@ -33,6 +33,7 @@ mod objects;
 mod op_mode;
 mod soe;
 mod startup;
+mod windows;
 
 pub use op_mode::{Doubt, RunAs};
 
@@ -185,14 +186,16 @@ impl<'f> Import<'f> {
         };
         let mut mailbox = self.mailbox()?;
         let image = device.image(self.mode);
+        let (guarded_inputs, windows) = self.part(image.inputs);
         let both =
-            [(Direction::Outputs, &image.outputs[..]), (Direction::Inputs, &image.inputs[..])];
+            [(Direction::Outputs, &image.outputs[..]), (Direction::Inputs, &guarded_inputs[..])];
         let speaks = mailbox.is_some().then(|| self.speaks(both));
         if let (Some(mailbox), Some(speaks)) = (&mut mailbox, speaks) {
             mailbox.value.speaks = speaks;
         }
         let mut outputs = self.area(Direction::Outputs, &image.outputs, mailbox.is_some())?;
-        let mut inputs = self.area(Direction::Inputs, &image.inputs, mailbox.is_some())?;
+        let mut inputs = self.area(Direction::Inputs, &guarded_inputs, mailbox.is_some())?;
+        let windows = self.windows(&windows, inputs.as_ref(), mailbox.is_some())?;
         self.emulated = mailbox.is_none() && self.has_emulation([&outputs, &inputs]);
         shorten(&mut outputs, &inputs, mailbox.map(|mailbox| mailbox.value));
         shorten(&mut inputs, &outputs, mailbox.map(|mailbox| mailbox.value));
@@ -203,7 +206,8 @@ impl<'f> Import<'f> {
         };
         let chip = self.chip(mailbox.map(|mailbox| mailbox.value), [&outputs, &inputs]);
         let times = self.times(&objects);
-        let eeprom = self.eeprom([&outputs, &inputs], mailbox.map(|mailbox| mailbox.value));
+        let eeprom =
+            self.eeprom([&outputs, &inputs], windows, mailbox.map(|mailbox| mailbox.value));
         let name = |text: &str, other: &str| {
             let text = if text.is_empty() { other } else { text };
             super::sii::cut(text).to_owned()

@@ -212,6 +212,7 @@ def compare(trial, listed, scanned):
     compare_sync_managers(trial, expected, written, listed["notes"])
     compare_pdos(trial, expected, scanned)
     trial.compare("FMMUs", sorted(expected.fmmus), sorted(written.fmmus()))
+    compare_windows(trial, expected, listed, scanned)
     compare_dc(trial, expected, written)
     keys = ("assign_activate", "sync0_cycle_ns", "sync0_factor", "sync0_shift_ns", "sync1_factor", "sync1_shift_ns")
     trial.compare("OpModes of the SII", device.stored_modes(), [tuple(mode[key] for key in keys) for mode in scanned["op_modes"]])
@@ -222,7 +223,7 @@ def compare_sync_managers(trial, expected, written, notes):
     for at, manager in enumerate(trial.device.sync_managers):
         address, length = 0x800 + 8 * at, expected.lengths.get(at, 0)
         on = bool(written.value(address + 6, 1))
-        # A window of the memory is no SyncManager, and a mailbox without protocol is none either.
+        # A window is no SyncManager, and a mailbox without protocol is none either.
         trial.compare("SyncManager enabled", (at, length > 0), (at, on))
         if not on or length == 0:
             continue
@@ -234,6 +235,28 @@ def compare_sync_managers(trial, expected, written, notes):
             said = told and control == manager.control | AL_EVENT != manager.control
             what = "control byte, AL event added, said so" if said else "control byte"
             trial.compare(what, (at, f"{manager.control | AL_EVENT * said:#04x}"), (at, f"{control:#04x}"))
+
+
+def compare_windows(trial, expected, listed, scanned):
+    """Windows of inputs are mapped, each with its PDOs and no SyncManager; windows of other kinds with PDOs are told."""
+    managers = trial.device.sync_managers
+    inputs = scanned["inputs"] or {"sync_manager": None, "further": []}
+    parts = [inputs] * (inputs["sync_manager"] is not None) + inputs["further"]
+    at = {part["sync_manager"]: part["start"] for part in parts if part["window"]}
+    # The first part has the length of all.
+    lengths = {part["sync_manager"]: part["length"] for part in inputs["further"] if part["window"]}
+    for number, (start, length) in expected.windows.items():
+        trial.compare("windows mapped", (number, start), (number, at.get(number)))
+        if number in lengths:
+            trial.compare("windows: bytes", (number, length), (number, lengths[number]))
+        stored = scanned["sync_managers"][number]
+        trial.compare("windows in the SII", (start, length, True, False),
+                      tuple(stored[key] for key in ("start", "length", "window", "enabled")))
+    trial.compare("no other windows", [], sorted(set(at) - set(expected.windows)))
+    for number in sorted(trial.device.assigned_to_other_windows(trial.mode)):
+        told = [note for note in listed["notes"] if f"SyncManager {number}, a window" in note]
+        trial.compare("windows left out, said so", (number, managers[number].start, True),
+                      (number, managers[number].start, len(told) == 1 and f"0x{managers[number].start:04X}" in told[0]))
 
 
 def compare_pdos(trial, expected, scanned):

@@ -33,10 +33,11 @@ def text_of(element, path):
 
 @dataclass
 class SyncManager:
-    kind: str  # "mailbox out", "mailbox in", "outputs", "inputs" or "window"
+    kind: str  # "mailbox out", "mailbox in", "outputs", "inputs" or "other window"
     start: int
     size: int
     control: object  # None if the file has no control byte
+    window: bool = False  # no SyncManager is switched on; an FMMU alone maps the bytes
 
 
 @dataclass
@@ -76,6 +77,7 @@ class Expected:
     lengths: dict = field(default_factory=dict)  # SyncManager: bytes
     pdos: dict = field(default_factory=dict)  # SyncManager: [(index, mapped entries)]
     fmmus: list = field(default_factory=list)  # (type, start, bytes)
+    windows: dict = field(default_factory=dict)  # SyncManager: (start, bytes) of windows that are mapped
     word: int = 0  # AssignActivate
     clock_only: bool = False
     sync0: object = None  # register 0x09A0, ns
@@ -141,14 +143,16 @@ class Device:
         name, control = "".join(element.itertext()).strip(), number(element.get("ControlByte"))
         called = {"MBoxOut": "mailbox out", "MBoxIn": "mailbox in", "Outputs": "outputs", "Inputs": "inputs",
                   "DynamicOutputs": "outputs", "DynamicInputs": "inputs"}.get(name)
-        kind = called
-        if flag(element.get("Virtual")):
-            kind = "window"
+        kind, window = called, flag(element.get("Virtual"))
+        if window:
+            # Windows of outputs lie on the SYNC unit, which isocat writes itself, and a mailbox is no window.
+            kind = "inputs" if called == "inputs" else "other window"
         elif control is not None:
             writes, one_buffer = control & 0x0C == 0x04, control & 0x03 == 0x02
             box = one_buffer and called not in ("outputs", "inputs") and (self.has_mailbox or called is not None)
             kind = ("mailbox out" if writes else "mailbox in") if box else ("outputs" if writes else "inputs")
-        return SyncManager(kind, number(element.get("StartAddress")) or 0, number(element.get("DefaultSize")) or 0, control)
+        start, size = number(element.get("StartAddress")) or 0, number(element.get("DefaultSize")) or 0
+        return SyncManager(kind, start, size, control, window)
 
     def places(self):
         """(number, slot) of each place for a module: a slot has as many as it takes modules at most."""
@@ -303,6 +307,13 @@ class Device:
                     result[at].append((pdo, pdo.factor if factor is None else factor))
         return result
 
+    def assigned_to_other_windows(self, mode_number):
+        """Numbers of the windows that are not mapped, and have PDOs by default or in the OpMode."""
+        mode = self.modes[mode_number] if mode_number is not None else None
+        named = {pdo.sync_manager for pdo in self.pdos()}
+        named |= {number(sm.get("No")) for sm in (mode.findall("Sm") if mode is not None else []) if sm.findall("Pdo")}
+        return {at for at, sm in enumerate(self.sync_managers) if sm.kind == "other window" and at in named}
+
     def commands(self):
         all_commands = []
         if self.element.find("Mailbox/CoE") is None:
@@ -350,6 +361,11 @@ class Device:
             of_kind = [at for at in sorted(result.pdos) if result.lengths[at] and self.sync_managers[at].kind == purpose]
             result.fmmus += self.mapped_by_fmmus(kind, purpose, [(self.sync_managers[at].start, result.lengths[at])
                                                                  for at in of_kind])
+        # A window has its FMMU and no SyncManager.
+        for at in [at for at in result.lengths if self.sync_managers[at].window]:
+            length = result.lengths.pop(at)
+            if length:
+                result.windows[at] = (self.sync_managers[at].start, length)
         if result.mailbox:
             result.lengths[0], result.lengths[1] = result.mailbox[1], result.mailbox[3]
         if mode is not None:

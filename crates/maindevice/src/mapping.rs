@@ -88,11 +88,15 @@ pub(crate) fn place_as_known(device: &mut SubDevice) -> Result<(), Cause> {
 pub(crate) fn place_process_data(device: &mut SubDevice) -> Result<(), Cause> {
     for kind in [sm_type::OUTPUTS, sm_type::INPUTS] {
         let data = if kind == sm_type::OUTPUTS { &device.outputs } else { &device.inputs };
-        // Where several share the direction, the first one is known with its PDOs.
-        let shared = data.sync_manager.filter(|_| !data.further.is_empty()).map(usize::from);
+        // Where several share the direction, or it begins with a window, the first one is known with its PDOs.
+        let known = data.window || !data.further.is_empty();
+        let shared = data.sync_manager.filter(|_| known).map(usize::from);
         let number = shared
             .or_else(|| device.sm_types.iter().position(|found| *found == kind))
-            .or_else(|| device.sii.sync_managers.iter().position(|record| record.kind == kind));
+            .or_else(|| {
+                let guards = |record: &SmRecord| record.kind == kind && !record.is_window();
+                device.sii.sync_managers.iter().position(guards)
+            });
         let start = number
             .and_then(|number| device.sii.sync_managers.get(number))
             .map(|record| record.start);
@@ -124,17 +128,25 @@ pub(crate) fn place_process_data(device: &mut SubDevice) -> Result<(), Cause> {
     Ok(())
 }
 
+/// Whether its ESC has an FMMU for each part of the process data.
+pub(crate) fn enough_fmmus(device: &SubDevice) -> Result<(), Cause> {
+    let (needed, found) = (device.fmmus_needed() as u8, device.esc.fmmus);
+    match needed <= found {
+        true => Ok(()),
+        false => {
+            let problem = MappingProblem::NoFmmu { needed, found };
+            Err(Cause::Mapping { place: device.place(), problem })
+        }
+    }
+}
+
 /// Writes the SyncManagers of the process data and the FMMUs.
 pub(crate) async fn write(
     link: &Link,
     device: &SubDevice,
     watchdog: Option<Nanos>,
 ) -> Result<(), Cause> {
-    let needed = device.fmmus_needed() as u8;
-    if device.esc.fmmus < needed {
-        let problem = MappingProblem::NoFmmu { needed, found: device.esc.fmmus };
-        return Err(Cause::Mapping { place: device.place(), problem });
-    }
+    enough_fmmus(device)?;
     let writes: Vec<_> = writes(device, watchdog)
         .iter()
         .map(|(address, data)| link.fpwr(device.station, *address, data))
@@ -151,12 +163,12 @@ pub(crate) fn writes(device: &SubDevice, watchdog: Option<Nanos>) -> Vec<(u16, V
     let mut writes = Vec::new();
     let mut next_fmmu = 0;
     for (data, kind) in directions {
-        for guarded in data.guarded() {
+        for guarded in data.guarded().filter(|guarded| !guarded.window) {
             let manager = sync_manager(device, guarded, kind);
             let address = register::sync_manager(usize::from(guarded.sync_manager)).address;
             writes.push((address, manager.to_bytes().to_vec()));
         }
-        for Window { logical, start, length } in windows(data) {
+        for Span { logical, start, length } in spans(data) {
             let fmmu = Fmmu::bytes(logical, length, start, kind);
             writes.push((register::fmmu(next_fmmu).address, fmmu.to_bytes().to_vec()));
             next_fmmu += 1;
@@ -197,7 +209,7 @@ fn sync_manager(device: &SubDevice, guarded: Guarded, kind: u8) -> SyncManager {
 
 /// A part of a direction that one FMMU maps.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-struct Window {
+struct Span {
     logical: u32,
     start: u16,
     length: u16,
@@ -206,32 +218,34 @@ struct Window {
 impl SubDevice {
     /// Number of FMMUs that its process data needs.
     pub fn fmmus_needed(&self) -> usize {
-        windows(&self.outputs).len() + windows(&self.inputs).len()
+        spans(&self.outputs).len() + spans(&self.inputs).len()
     }
 }
 
-/// What the FMMUs of a direction map: one window for each SyncManager, but a single one for
-/// SyncManagers that follow each other without a gap, as the bytes of digital outputs do.
-/// Descriptions count FMMUs in the same way.
-fn windows(data: &ProcessData) -> Vec<Window> {
-    let mut windows: Vec<Window> = Vec::new();
+/// What the FMMUs of a direction map: one span for each SyncManager or window, and one for all that lie behind each other
+/// without a gap, as the bytes of digital outputs do. Descriptions count FMMUs in the same way.
+fn spans(data: &ProcessData) -> Vec<Span> {
+    let mut spans: Vec<Span> = Vec::new();
     let mut logical = data.logical;
     for Guarded { start, length, .. } in data.guarded().filter(|guarded| guarded.length > 0) {
-        match windows.last_mut() {
+        match spans.last_mut() {
             Some(last) if last.start.checked_add(last.length) == Some(start) => {
                 last.length += length;
             }
-            _ => windows.push(Window { logical, start, length }),
+            _ => spans.push(Span { logical, start, length }),
         }
         logical += u32::from(length);
     }
-    windows
+    spans
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use isocat_wire::StationAddress;
+    use isocat_wire::sii::{PdoEntryRecord, PdoRecord};
+
+    use crate::segment::{EscInformation, SiiPdo};
 
     fn device(position: usize, outputs: u16, inputs: u16) -> SubDevice {
         let mut device = SubDevice::new(position, StationAddress(0x1001));
@@ -302,6 +316,7 @@ mod tests {
             start,
             length,
             pdos: 0,
+            window: false,
         });
         let further = further.collect();
         ProcessData {
@@ -318,7 +333,7 @@ mod tests {
     #[test]
     fn one_fmmu_maps_what_lies_behind_each_other() {
         let of = |data: &ProcessData| -> Vec<_> {
-            windows(data).iter().map(|w| (w.logical, w.start, w.length)).collect()
+            spans(data).iter().map(|s| (s.logical, s.start, s.length)).collect()
         };
         assert_eq!(of(&spread(2, 0x0F00, &[(1, 0x0F01, 1)])), [(100, 0x0F00, 2)]);
         assert_eq!(of(&spread(2, 0x0F00, &[(1, 0x0F02, 1)])), [(100, 0x0F00, 1), (101, 0x0F02, 1)]);
@@ -326,6 +341,73 @@ mod tests {
         // A SyncManager that is off has no window and does not divide one.
         assert_eq!(of(&spread(2, 0x0F00, &[(1, 0x1000, 0), (2, 0x0F01, 1)])), [(100, 0x0F00, 2)]);
         assert_eq!(of(&ProcessData::default()), []);
+    }
+
+    /// By the SII: a window in front of a SyncManager, one behind, and each of the two alone.
+    #[test]
+    fn a_window_has_its_fmmu_and_no_sync_manager() {
+        let record = |start: u16, enable, kind| {
+            let [low, high] = start.to_le_bytes();
+            SmRecord::parse(&[low, high, 0, 0, 0x20, 0, enable, kind])
+        };
+        let pdo = |sm, bits| SiiPdo {
+            record: PdoRecord {
+                index: 0x1A00 + u16::from(sm),
+                entries: 1,
+                sm,
+                sync_unit: 0,
+                name: 0,
+                flags: 0,
+            },
+            entries: alloc::vec![PdoEntryRecord { bits, ..PdoEntryRecord::parse(&[0; 8]) }],
+        };
+        let records = [
+            record(0x0990, SmRecord::VIRTUAL, sm_type::INPUTS),
+            record(0x1000, SmRecord::ENABLED, sm_type::INPUTS),
+            // The type of a window need not be told.
+            record(0x0910, SmRecord::VIRTUAL, sm_type::UNUSED),
+            record(0x0981, SmRecord::VIRTUAL, sm_type::OUTPUTS),
+        ];
+        let of = |inputs: &[(u8, u8)]| {
+            let mut device = device(0, 0, 0);
+            device.sii.sync_managers = records.to_vec();
+            device.sii.tx_pdos = inputs.iter().map(|(sm, bits)| pdo(*sm, *bits)).collect();
+            // A window of outputs is left out, and there is no other SyncManager for it.
+            device.sii.rx_pdos = alloc::vec![pdo(3, 8)];
+            place_as_known(&mut device).unwrap();
+            assert_eq!(device.outputs, ProcessData::default());
+            device
+        };
+        type Fmmus = Vec<(u16, u16)>;
+        let written = |device: &SubDevice| -> (Vec<u16>, Fmmus) {
+            let writes = writes(device, None);
+            let managers = writes.iter().filter(|(at, _)| *at >= 0x0800);
+            let fmmus = writes.iter().filter(|(at, _)| *at < 0x0800);
+            let word = |data: &[u8], at: usize| u16::from_le_bytes([data[at], data[at + 1]]);
+            (
+                managers.map(|(at, _)| *at).collect(),
+                fmmus.map(|(_, data)| (word(data, 8), word(data, 4))).collect(),
+            )
+        };
+        // Whole bytes for each, in the order of their numbers.
+        let all = of(&[(2, 64), (0, 33), (1, 1)]);
+        let expected = (alloc::vec![0x0808], alloc::vec![(0x0990, 5), (0x1000, 1), (0x0910, 8)]);
+        assert_eq!((written(&all), all.inputs.length), (expected, 14));
+        assert_eq!(all.inputs.exchanged(), Some((5, 1)));
+        let alone = of(&[(2, 32)]);
+        assert_eq!(written(&alone), (Vec::new(), alloc::vec![(0x0910, 4)]));
+        assert_eq!((alone.inputs.sync_manager, alone.inputs.window), (Some(2), true));
+        assert_eq!(alone.inputs.exchanged(), None);
+        let without = of(&[(1, 1)]);
+        assert_eq!(written(&without), (alloc::vec![0x0808], alloc::vec![(0x1000, 1)]));
+        assert_eq!((without.inputs.window, without.inputs.exchanged()), (false, Some((0, 1))));
+
+        let with_fmmus =
+            |fmmus| SubDevice { esc: EscInformation { fmmus, ..all.esc }, ..all.clone() };
+        assert!(enough_fmmus(&with_fmmus(3)).is_ok());
+        let problem = MappingProblem::NoFmmu { needed: 3, found: 2 };
+        let place = all.place();
+        assert_eq!(enough_fmmus(&with_fmmus(2)), Err(Cause::Mapping { place, problem }));
     }
 
     #[test]

@@ -93,13 +93,17 @@ pub(crate) fn from_sii(device: &mut SubDevice) {
 /// direction, each SyncManager has a part of the process image, in the order of their numbers.
 fn spread_by_sii(data: &mut ProcessData, pdos: &[SiiPdo], records: &[SmRecord], kind: u8) {
     data.further.clear();
-    data.pdos = assigned_by_sii(pdos);
-    let of_kind = |sm: u8| records.get(usize::from(sm)).is_some_and(|record| record.kind == kind);
+    data.window = false;
+    data.pdos = assigned_by_sii(pdos, records);
+    let record = |sm: u8| records.get(usize::from(sm));
+    let is_window = |sm: u8| record(sm).is_some_and(SmRecord::is_window);
+    let of_kind = |sm: u8| record(sm).is_some_and(|record| record.kind == kind);
     let mut named: Vec<u8> = pdos.iter().map(|pdo| pdo.record.sm).collect();
-    named.retain(|sm| *sm != NO_SYNC_MANAGER);
+    named.retain(|sm| *sm != NO_SYNC_MANAGER && (kind == INPUTS || !is_window(*sm)));
     named.sort_unstable();
     named.dedup();
-    if named.len() < 2 || !named.iter().all(|sm| of_kind(*sm)) {
+    let windows = named.iter().any(|sm| is_window(*sm));
+    if named.len() < 2 && !windows || !named.iter().all(|sm| is_window(*sm) || of_kind(*sm)) {
         return;
     }
     data.pdos.clear();
@@ -114,17 +118,22 @@ fn spread_by_sii(data: &mut ProcessData, pdos: &[SiiPdo], records: &[SmRecord], 
             start: records[usize::from(sm)].start,
             length: u16::try_from(bits.div_ceil(8)).unwrap_or(u16::MAX),
             pdos: assigned.len(),
+            window: is_window(sm),
         };
         match place {
-            0 => data.sync_manager = Some(sm),
+            0 => (data.sync_manager, data.window) = (Some(sm), part.window),
             _ => data.further.push(part),
         }
     }
 }
 
-/// The PDOs that a SyncManager has by default.
-fn assigned_by_sii(pdos: &[SiiPdo]) -> Vec<Pdo> {
-    pdos.iter().filter(|pdo| pdo.record.sm != NO_SYNC_MANAGER).map(pdo_of_sii).collect()
+/// The PDOs that a SyncManager has by default, without those in windows.
+fn assigned_by_sii(pdos: &[SiiPdo], records: &[SmRecord]) -> Vec<Pdo> {
+    let assigned = |pdo: &&SiiPdo| match pdo.record.sm {
+        NO_SYNC_MANAGER => false,
+        sm => !records.get(usize::from(sm)).is_some_and(SmRecord::is_window),
+    };
+    pdos.iter().filter(assigned).map(pdo_of_sii).collect()
 }
 
 fn pdo_of_sii(pdo: &SiiPdo) -> Pdo {
@@ -171,7 +180,7 @@ async fn pdos(
         }
         Err(cause) => {
             device.do_without(Service::Assignment, cause)?;
-            let by_sii = assigned_by_sii(&of_sii(device));
+            let by_sii = assigned_by_sii(&of_sii(device), &device.sii.sync_managers);
             let indices = by_sii.iter().map(|pdo| pdo.index);
             // The assignment of the SII need not be written to an object that does not answer.
             if wanted.is_none_or(|wanted| indices.eq(wanted.iter().copied())) {
@@ -190,7 +199,9 @@ async fn pdos(
             Err((object, error)) => return Err(sdo(device, object, error)),
         }
     }
-    let Some(assigned) = assigned else { return Ok(assigned_by_sii(&of_sii(device))) };
+    let Some(assigned) = assigned else {
+        return Ok(assigned_by_sii(&of_sii(device), &device.sii.sync_managers));
+    };
     let mut pdos = Vec::new();
     // An assignment may contain 0 for an empty place.
     for pdo in assigned.into_iter().filter(|pdo| *pdo != 0) {

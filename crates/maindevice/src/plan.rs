@@ -25,6 +25,7 @@ pub fn plan(segment: &mut Segment, config: &Config) -> Result<(), Error> {
     hot_connect::check_reference(config, segment).map_err(at(Stage::Scan))?;
     for device in &mut segment.devices {
         mapping::place_as_known(device).map_err(at(Stage::Objects))?;
+        mapping::enough_fmmus(device).map_err(at(Stage::Objects))?;
     }
     for device in &mut segment.devices {
         let wish = config.devices.get(device.position);

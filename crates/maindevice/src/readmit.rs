@@ -366,13 +366,12 @@ async fn wait_for_inputs(link: &Link, config: &Config, device: &SubDevice) -> Re
     let own = Nanos(config.cycle.0 * i64::from(device.every));
     let longer = Nanos((own - config.cycle).0 * bring_up::COMPLETE_CYCLES as i64);
     let end = link.now() + config.timeouts.safeop + longer;
-    let length = usize::from(device.inputs.length);
+    let exchanged = device.inputs.exchanged();
     let mut right = 0;
     while right < bring_up::COMPLETE_CYCLES {
-        if length > 0 {
-            let address = Address::Logical(device.inputs.logical);
-            let read =
-                link.exchange(Command::Lrd, address, vec![0; length], Travel::default()).reply();
+        if let Some((logical, length)) = exchanged {
+            let (address, data) = (Address::Logical(logical), vec![0; usize::from(length)]);
+            let read = link.exchange(Command::Lrd, address, data, Travel::default()).reply();
             let found = read.await?.wkc;
             right = if found == 1 { right + 1 } else { 0 };
             if link.now() >= end {

@@ -327,6 +327,8 @@ pub struct ProcessData {
     /// The SyncManager that guards them, the first of several; `None` without process data in this
     /// direction.
     pub sync_manager: Option<u8>,
+    /// The first one is a window: see [`Guarded::window`].
+    pub window: bool,
     /// First byte in the ESC's memory.
     pub start: u16,
     /// Bytes in the process image, including those of further SyncManagers.
@@ -348,6 +350,9 @@ pub struct Guarded {
     pub length: u16,
     /// Number of PDOs in it, in the order of [`ProcessData::pdos`].
     pub pdos: usize,
+    /// It is a window: the SyncManager stays off, and an FMMU alone maps the bytes, as a rule registers
+    /// (bit 2, "virtual", of its record in the SII).
+    pub window: bool,
 }
 
 impl Segment {
@@ -376,8 +381,22 @@ impl ProcessData {
             start: self.start,
             length: self.length.saturating_sub(further),
             pdos: self.pdos.len().saturating_sub(elsewhere),
+            window: self.window,
         });
         first.into_iter().chain(self.further.iter().copied())
+    }
+
+    /// The bytes of the first SyncManager that is no window: first byte in the process image, and how many;
+    /// `None` if there are none. Windows are read in any state, these only once the device has filled them.
+    pub(crate) fn exchanged(&self) -> Option<(u32, u16)> {
+        let mut logical = self.logical;
+        for guarded in self.guarded() {
+            if !guarded.window && guarded.length > 0 {
+                return Some((logical, guarded.length));
+            }
+            logical += u32::from(guarded.length);
+        }
+        None
     }
 
     /// Each SyncManager with the PDOs in it.

@@ -15,7 +15,7 @@ use isocat_sync::way::{Cabled, Way, propagation};
 use isocat_wire::StationAddress;
 use isocat_wire::coe::info::{EntryDescription, ObjectDescription};
 use isocat_wire::register::features;
-use isocat_wire::sii::{self, PdoEntryRecord, category};
+use isocat_wire::sii::{self, PdoEntryRecord, SmRecord, category};
 use isocat_wire::time::{Nanos, Picos};
 
 use crate::profile::Profile;
@@ -167,7 +167,9 @@ pub(crate) fn process_data(file: &segment_file::SubDevice) -> [Vec<Pdo>; 2] {
     if device.has_coe() {
         return [device.outputs.pdos, device.inputs.pdos];
     }
-    let assigned = |pdo: &&SiiPdo| pdo.record.sm != NO_SYNC_MANAGER;
+    let records = &device.sii.sync_managers;
+    let is_window = |sm: u8| records.get(usize::from(sm)).is_some_and(SmRecord::is_window);
+    let assigned = |pdo: &&SiiPdo| pdo.record.sm != NO_SYNC_MANAGER && !is_window(pdo.record.sm);
     let entry =
         |entry: &PdoEntryRecord| PdoEntry { index: entry.index, sub: entry.sub, bits: entry.bits };
     let pdo = |pdo: &SiiPdo| Pdo {

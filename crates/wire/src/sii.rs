@@ -235,6 +235,20 @@ pub struct SmRecord {
 impl SmRecord {
     /// Bytes of a record.
     pub const LEN: usize = 8;
+    /// Bit of [`enable`](Self::enable): switched on.
+    pub const ENABLED: u8 = 0x01;
+    /// Bit of [`enable`](Self::enable): no SyncManager is activated, an FMMU alone maps the bytes.
+    pub const VIRTUAL: u8 = 0x04;
+    /// Bit of [`enable`](Self::enable): switched on in OP only.
+    pub const OP_ONLY: u8 = 0x08;
+
+    /// Whether it is a window: PDOs that are assigned to it are mapped by an FMMU alone, as a rule to
+    /// registers. A mailbox always needs its SyncManager, whatever its record says.
+    pub const fn is_window(&self) -> bool {
+        let mailbox = matches!(self.kind, sm_type::MAILBOX_OUT | sm_type::MAILBOX_IN);
+        self.enable & Self::VIRTUAL != 0 && !mailbox
+    }
+
     /// Reads the eight bytes.
     pub fn parse(b: &[u8; 8]) -> Self {
         let sm = SyncManager::from_bytes(*b);
@@ -413,6 +427,20 @@ mod tests {
         };
         assert_eq!(checksum(&bytes(&[0x80, 0x06, 0x00, 0x44, 0x64])), 0xF3);
         assert_eq!(checksum(&bytes(&[0x05, 0x0E, 0x03, 0x06, 0x10, 0x27])), 0xD7);
+    }
+
+    #[test]
+    fn a_mailbox_is_no_window() {
+        let is_window =
+            |enable, kind| SmRecord::parse(&[0, 0, 0, 0, 0, 0, enable, kind]).is_window();
+        let (on, window) = (SmRecord::ENABLED, SmRecord::VIRTUAL);
+        for kind in [sm_type::UNUSED, sm_type::OUTPUTS, sm_type::INPUTS] {
+            assert!(is_window(window, kind) && is_window(on | window, kind));
+            assert!(!is_window(on, kind) && !is_window(SmRecord::OP_ONLY, kind));
+        }
+        for kind in [sm_type::MAILBOX_OUT, sm_type::MAILBOX_IN] {
+            assert!(!is_window(window, kind));
+        }
     }
 
     #[test]

@@ -88,6 +88,26 @@ impl EsiDevice {
         // The doubts were noted when the device was read.
         image::default(self, &self.pdos, mode, &mut Warnings::default())
     }
+
+    /// Windows of outputs that have PDOs by default or in one of its OpModes, by SyncManager number. They are no part
+    /// of the [`image`](Self::image): as a rule they lie on the registers of the SYNC unit, which would be written by
+    /// the plan and by process data both.
+    pub fn output_windows(&self, mode: Option<&dc::EsiOpMode>) -> Vec<u8> {
+        let by_default = self.pdos.iter().filter_map(|pdo| pdo.sync_manager);
+        let by_mode = mode.iter().flat_map(|mode| &mode.assignments);
+        let by_mode = by_mode.filter(|assignment| !assignment.pdos.is_empty());
+        let named = by_default.chain(by_mode.map(|assignment| assignment.sync_manager));
+        let mut windows: Vec<u8> = named.filter(|number| self.is_output_window(*number)).collect();
+        windows.sort_unstable();
+        windows.dedup();
+        windows
+    }
+
+    /// Whether the SyncManager of this number is a window of outputs.
+    pub(super) fn is_output_window(&self, number: u8) -> bool {
+        let purpose = self.sync_managers.get(usize::from(number)).map(|sm| sm.purpose);
+        purpose == Some(Purpose::Window(Some(Direction::Outputs)))
+    }
 }
 
 /// Reads a device. `groups` are the names of the file's groups by type; `left` is the number of
@@ -271,7 +291,9 @@ pub(super) fn check_image(device: &EsiDevice, pdos: &[EsiPdo], w: &mut Warnings)
         for (number, pdos) in size {
             let bits: u32 = pdos.iter().map(|pdo| pdo.bits()).sum();
             let sm = &device.sync_managers[usize::from(*number)];
-            if u32::from(sm.default_size) != bits.div_ceil(8) {
+            // Windows have no size as a rule: nothing in the ESC needs it.
+            let stated = sm.default_size > 0 || !matches!(sm.purpose, Purpose::Window(_));
+            if stated && u32::from(sm.default_size) != bits.div_ceil(8) {
                 w.add(WarningKind::SyncManagerSize, sm.at, || {
                     format!(
                         "DefaultSize {} of SyncManager {number}, but the default {direction:?} have \

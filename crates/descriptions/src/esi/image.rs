@@ -57,6 +57,10 @@ pub(super) fn default(
     let mut image = Image::default();
     for pdo in known {
         let Some(number) = pdo.sync_manager else { continue };
+        if device.is_output_window(number) {
+            // The warning of the window says that it is not mapped.
+            continue;
+        }
         match direction(device, number) {
             Some(right) if right == pdo.direction => {
                 image.push(right, number, oversampled(pdo, pdo.oversampling));
@@ -120,7 +124,7 @@ fn oversampled(pdo: &EsiPdo, factor: u16) -> EsiPdo {
 fn direction(device: &EsiDevice, number: u8) -> Option<Direction> {
     match device.sync_managers.get(usize::from(number))?.purpose {
         Purpose::Outputs => Some(Direction::Outputs),
-        Purpose::Inputs => Some(Direction::Inputs),
+        Purpose::Inputs | Purpose::Window(Some(Direction::Inputs)) => Some(Direction::Inputs),
         _ => None,
     }
 }

@@ -189,16 +189,19 @@ fn record(sm: &EsiSyncManager) -> SmRecord {
         Purpose::MailboxIn => (sm_type::MAILBOX_IN, SyncManager::MAILBOX_IN),
         Purpose::Outputs => (sm_type::OUTPUTS, SyncManager::OUTPUTS),
         Purpose::Inputs => (sm_type::INPUTS, SyncManager::INPUTS),
-        Purpose::Window => (sm_type::UNUSED, 0),
+        Purpose::Window(Some(Direction::Outputs)) => (sm_type::OUTPUTS, 0),
+        Purpose::Window(Some(Direction::Inputs)) => (sm_type::INPUTS, 0),
+        Purpose::Window(None) => (sm_type::UNUSED, 0),
     };
-    let flags = [(sm.purpose == Purpose::Window, VIRTUAL), (sm.op_only, OP_ONLY)];
+    let window = matches!(sm.purpose, Purpose::Window(_));
+    let flags = [(window, SmRecord::VIRTUAL), (sm.op_only, SmRecord::OP_ONLY)];
     let flags = flags.into_iter().filter(|(is, _)| *is).fold(0, |sum, (_, bit)| sum | bit);
     SmRecord {
         start: sm.start,
         length: sm.default_size,
         control: sm.control.unwrap_or(usual),
         status: 0,
-        enable: sm.enable.unwrap_or(0) & ENABLED | flags,
+        enable: sm.enable.unwrap_or(0) & SmRecord::ENABLED | flags,
         kind,
     }
 }
@@ -283,7 +286,11 @@ fn device_of(sii: &Sii, bytes: usize) -> EsiDevice {
             .sync_managers
             .iter()
             .take(sync_manager::MOST)
-            .map(|record| esi_sync_manager(record, has_mailbox))
+            .enumerate()
+            .map(|(number, record)| match record.enable & SmRecord::VIRTUAL != 0 {
+                true => esi_sync_manager(record, Purpose::Window(window(sii, number, record))),
+                false => esi_sync_manager(record, purpose(record, has_mailbox)),
+            })
             .collect(),
         pdos: [pdos(Direction::Outputs, &sii.outputs), pdos(Direction::Inputs, &sii.inputs)]
             .concat(),
@@ -325,24 +332,39 @@ fn esi_mailbox(protocols: u16, general: &General) -> EsiMailbox {
     }
 }
 
-fn esi_sync_manager(record: &SmRecord, has_mailbox: bool) -> EsiSyncManager {
+fn purpose(record: &SmRecord, has_mailbox: bool) -> Purpose {
+    match record.kind {
+        sm_type::MAILBOX_OUT => Purpose::MailboxOut,
+        sm_type::MAILBOX_IN => Purpose::MailboxIn,
+        sm_type::OUTPUTS => Purpose::Outputs,
+        sm_type::INPUTS => Purpose::Inputs,
+        // Older images leave the type out.
+        _ => sync_manager::by_control(record.control, None, has_mailbox),
+    }
+}
+
+/// The direction of a window; where its type says nothing, that of the PDOs in it.
+fn window(sii: &Sii, number: usize, record: &SmRecord) -> Option<Direction> {
+    let has = |pdos: &[SiiPdo]| pdos.iter().any(|pdo| pdo.sync_manager == Some(number as u8));
+    match record.kind {
+        sm_type::OUTPUTS => Some(Direction::Outputs),
+        sm_type::INPUTS => Some(Direction::Inputs),
+        sm_type::UNUSED if has(&sii.inputs) => Some(Direction::Inputs),
+        sm_type::UNUSED if has(&sii.outputs) => Some(Direction::Outputs),
+        _ => None,
+    }
+}
+
+fn esi_sync_manager(record: &SmRecord, purpose: Purpose) -> EsiSyncManager {
     EsiSyncManager {
         at: 0,
-        purpose: match record.kind {
-            _ if record.enable & VIRTUAL != 0 => Purpose::Window,
-            sm_type::MAILBOX_OUT => Purpose::MailboxOut,
-            sm_type::MAILBOX_IN => Purpose::MailboxIn,
-            sm_type::OUTPUTS => Purpose::Outputs,
-            sm_type::INPUTS => Purpose::Inputs,
-            // Older images omit the type.
-            _ => sync_manager::by_control(record.control, None, has_mailbox),
-        },
+        purpose,
         start: record.start,
         default_size: record.length,
         max_size: None,
         control: Some(record.control),
-        enable: Some(record.enable & ENABLED),
-        op_only: record.enable & OP_ONLY != 0,
+        enable: Some(record.enable & SmRecord::ENABLED),
+        op_only: record.enable & SmRecord::OP_ONLY != 0,
     }
 }
 
@@ -416,10 +438,6 @@ fn esi_op_mode(mode: &SiiOpMode) -> EsiOpMode {
     }
 }
 
-/// Bits of a SyncManager's record.
-const ENABLED: u8 = 0x01;
-const VIRTUAL: u8 = 0x04;
-const OP_ONLY: u8 = 0x08;
 /// Bits of the mailbox protocols.
 const EOE: u16 = 1 << 1;
 const FOE: u16 = 1 << 3;

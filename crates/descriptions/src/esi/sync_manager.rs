@@ -2,6 +2,7 @@
 
 use isocat_wire::sync_manager::SyncManager;
 
+use super::pdo::Direction;
 use super::read::{self, U8, U16, cut};
 use super::tree::{Element, Problem};
 use super::warning::{WarningKind, Warnings};
@@ -39,8 +40,9 @@ pub enum Purpose {
     Outputs,
     /// Process data, SubDevice to MainDevice.
     Inputs,
-    /// No real SyncManager: a window that an FMMU reads.
-    Window,
+    /// No SyncManager at all: a window that an FMMU alone maps, as a rule to registers. The direction is
+    /// that of its text; a text of a mailbox gives none, and nothing can be assigned to it.
+    Window(Option<Direction>),
 }
 
 impl EsiSyncManager {
@@ -83,10 +85,20 @@ fn one(
         _ => None,
     };
     let purpose = if read::flag(element, "Virtual")? {
-        warnings.add(WarningKind::SyncManagerVirtual, at, || {
-            format!("\"{}\" is a window without SyncManager; it is not mapped", cut(&text))
-        });
-        Purpose::Window
+        let direction = match named {
+            Some(Purpose::Inputs) => Some(Direction::Inputs),
+            Some(Purpose::Outputs) => Some(Direction::Outputs),
+            _ => None,
+        };
+        if direction != Some(Direction::Inputs) {
+            warnings.add(WarningKind::SyncManagerVirtual, at, || {
+                format!(
+                    "\"{}\" is a window without SyncManager; one of inputs is mapped, and no other",
+                    cut(&text)
+                )
+            });
+        }
+        Purpose::Window(direction)
     } else if let Some(control) = control {
         let purpose = by_control(control, named, has_mailbox);
         match named {

@@ -83,7 +83,7 @@ kinds! {
     SyncManagerEnable = "sync-manager-enable";
     /// `DefaultSize` differs from the sum of the default PDOs, which is used.
     SyncManagerSize = "sync-manager-size";
-    /// A window that an FMMU reads without a SyncManager; it is not mapped.
+    /// A window without a SyncManager that is none of inputs; it is not mapped.
     SyncManagerVirtual = "sync-manager-virtual";
     /// A process data SyncManager has one buffer, like a mailbox.
     SyncManagerOneBuffer = "sync-manager-one-buffer";

@@ -273,9 +273,9 @@ fn sync_manager(record: &SmRecord) -> SyncManager {
         start: record.start,
         length: record.length,
         control: record.control,
-        enabled: record.enable & 0x01 != 0,
-        is_virtual: record.enable & 0x04 != 0,
-        op_only: record.enable & 0x08 != 0,
+        enabled: record.enable & SmRecord::ENABLED != 0,
+        is_virtual: record.enable & SmRecord::VIRTUAL != 0,
+        op_only: record.enable & SmRecord::OP_ONLY != 0,
     }
 }
 

@@ -245,7 +245,7 @@ fn sync_managers(
             outputs,
             start: guarded.start,
             control: record.map_or(usual, |record| record.control),
-            enabled: guarded.length > 0,
+            enabled: guarded.length > 0 && !guarded.window,
             pdos: pdos.iter().map(|pdo| pdo.index).collect(),
         }
     })

@@ -70,6 +70,8 @@ kinds! {
         NoIdentity = "no-identity",
         /// Object 0x1C32 or 0x1C33 is missing.
         NoSyncObject = "no-sync-object",
+        /// The SII assigns outputs to a window on registers, which is not mapped.
+        WindowNotMapped = "window-not-mapped",
         /// Nothing is assigned in 0x1C12 and 0x1C13.
         NothingAssigned = "nothing-assigned",
         /// 0x1C32:04 and 0x1C33:04 announce different modes.

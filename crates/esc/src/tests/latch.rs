@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::{ET1200, LAN9252, LatchInput};
+use isocat_wire::fmmu::Fmmu;
 use isocat_wire::register::al_event::LATCH;
 
 const LATCHED: EscEvent = EscEvent::Latched { al_event: false };
@@ -266,4 +267,22 @@ fn a_reset_leaves_the_pins() {
     bench.write(register::STATION_ADDRESS, 0x1001);
     assert_eq!(bench.read(register::LATCH1_POSITIVE), 0);
     assert_eq!(bench.read(register::LATCH1_STATUS), 4);
+}
+
+/// A FMMU maps the unit into the process image: what arrives there are the registers, and as any read of them by the
+/// owner it frees the edge.
+#[test]
+fn a_fmmu_reads_the_unit() {
+    let mut bench = Bench::new(&LAN9252);
+    bench.write(register::LATCH0_CONTROL, 1);
+    bench.pin(LatchInput::Latch0, true, 1_000_000);
+    bench.run_to(1_100_000);
+    let fmmu = Fmmu::bytes(0, 10, register::LATCH0_STATUS.address, Fmmu::READ);
+    bench.fpwr(0x0600, &fmmu.to_bytes());
+    let mut expected = vec![0x05, 0x00];
+    expected.extend(1_000_000_u64.to_le_bytes());
+    // As the inputs of LRW, whatever outputs travel in the same bytes.
+    assert_eq!(bench.send(Command::Lrw, Address::Logical(0), &[0xAA; 10]), (expected.clone(), 1));
+    expected[0] = 0x04;
+    assert_eq!(bench.send(Command::Lrd, Address::Logical(0), &[0; 10]), (expected, 1));
 }

@@ -350,6 +350,9 @@ fn area(area: &Value) -> Result<Option<FoundArea>, String> {
             ".further: it is in several SyncManagers; a profile has one for each direction".into(),
         );
     }
+    if area["window"] == true {
+        return Err(".window: it is a window on registers; a profile has no key for it".into());
+    }
     let list = |value: &Value, place: &str| {
         value.as_array().cloned().ok_or_else(|| format!("{place}: expected a list"))
     };

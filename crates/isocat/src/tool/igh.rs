@@ -165,12 +165,17 @@ fn device_calls(page: &mut Page, device: &Device) {
             syncs_{at})))\n      return code;"
         ));
     }
+    let mut begun = [false; 2];
     for channel in &device.channels {
         let (name, sm) = (if channel.outputs { "outputs" } else { "inputs" }, channel.sync_manager);
-        page.line(format!(
-            "   {name}_at[{at}] = ecrt_slave_config_reg_pdo_entry_pos(sc[{at}], \
-            {sm}, 0, 0, domain, NULL);"
-        ));
+        let call =
+            format!("ecrt_slave_config_reg_pdo_entry_pos(sc[{at}], {sm}, 0, 0, domain, NULL)");
+        // The bytes of further SyncManagers follow those of the first one.
+        if std::mem::replace(&mut begun[usize::from(channel.outputs)], true) {
+            page.line(format!("   i = {call};\n   if (i < 0)\n      return i;"));
+            continue;
+        }
+        page.line(format!("   {name}_at[{at}] = {call};"));
         page.line(format!("   if ({name}_at[{at}] < 0)\n      return {name}_at[{at}];"));
     }
     for object in device.parameters() {

@@ -1,7 +1,7 @@
 //! ethercat_driver_ros2: the `slave_config` of its generic plugin, one file for each SubDevice with
 //! process data, parameters or SYNC.
 
-use isocat_maindevice::segment::PdoEntry;
+use isocat_maindevice::segment::{Pdo, PdoEntry};
 
 use super::page::Page;
 use super::sheet::{Channel, Object};
@@ -51,8 +51,12 @@ fn text(sheet: &Sheet, device: &Device) -> String {
     );
     page.line("auto_fault_reset: false");
     parameters(&mut page, device);
-    for channel in &device.channels {
-        channels(&mut page, channel);
+    for outputs in [true, false] {
+        let of = device.channels.iter().filter(|channel| channel.outputs == outputs);
+        let pdos: Vec<&Pdo> = of.flat_map(|channel| &channel.pdos).collect();
+        if !pdos.is_empty() {
+            channels(&mut page, outputs, &pdos);
+        }
     }
     if !device.channels.is_empty() {
         page.note(0, "SyncManagers; the watchdog as the control byte has it.");
@@ -79,6 +83,14 @@ fn limits(sheet: &Sheet, device: &Device) -> Vec<String> {
             "the plan exchanges this SubDevice in every {} cycles; this driver in each.",
             device.every
         ));
+    }
+    for (outputs, name) in [(true, "outputs"), (false, "inputs")] {
+        if device.channels.iter().filter(|channel| channel.outputs == outputs).count() > 1 {
+            limits.push(format!(
+                "its {name} are in several SyncManagers, and this driver gives each of them all PDOs of the list: it \
+                 can't run the device."
+            ));
+        }
     }
     if device.watchdog.is_some() {
         limits
@@ -153,11 +165,11 @@ fn typed(object: &Object) -> Option<(&'static str, i64)> {
     }
 }
 
-fn channels(page: &mut Page, channel: &Channel) {
+fn channels(page: &mut Page, outputs: bool, pdos: &[&Pdo]) {
     let (list, interface) =
-        if channel.outputs { ("rpdo", "command_interface") } else { ("tpdo", "state_interface") };
+        if outputs { ("rpdo", "command_interface") } else { ("tpdo", "state_interface") };
     page.line(format!("{list}:"));
-    for pdo in &channel.pdos {
+    for pdo in pdos {
         page.line(format!("  - index: 0x{:04X}\n    channels:", pdo.index));
         for PdoEntry { index, sub, bits } in &pdo.entries {
             let kind = match bits {

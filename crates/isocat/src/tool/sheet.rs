@@ -5,7 +5,7 @@ use isocat_descriptions::start_up::{
 };
 use isocat_engine::plan::report::{self, Line, Term};
 use isocat_engine::plan::{Plan, PlanReport};
-use isocat_maindevice::segment::{Pdo, ProcessData};
+use isocat_maindevice::segment::{Guarded, Pdo, ProcessData};
 use isocat_segment::Scenario;
 use isocat_sync::SyncMode;
 use isocat_sync::budget::Check;
@@ -210,8 +210,8 @@ impl Device {
     /// Bytes of its outputs and of its inputs.
     pub fn bytes(&self) -> [u16; 2] {
         [true, false].map(|outputs| {
-            let of = self.channels.iter().find(|channel| channel.outputs == outputs);
-            of.map_or(0, |channel| channel.bytes)
+            let of = self.channels.iter().filter(|channel| channel.outputs == outputs);
+            of.map(|channel| channel.bytes).sum()
         })
     }
 }
@@ -244,16 +244,20 @@ fn device(plan: &Plan, report: &PlanReport, of: &report::Device, list: &DeviceSt
         "" => "as it is wished, or the highest that the device has",
         reason => reason,
     };
-    let channel = |outputs, data: &ProcessData| {
-        let number = data.sync_manager.filter(|_| data.length > 0)?;
-        let control = list.sync_managers.iter().find(|manager| manager.number == number)?.control;
-        Some(Channel {
-            outputs,
-            sync_manager: number,
-            watchdog: control & isocat_wire::sync_manager::SyncManager::CONTROL_WATCHDOG != 0,
-            bytes: data.length,
-            pdos: data.pdos.clone(),
-        })
+    let channels = |outputs, data: &ProcessData| -> Vec<Channel> {
+        let channel = |(guarded, pdos): (Guarded, &[Pdo])| {
+            let number = guarded.sync_manager;
+            let mut managers = list.sync_managers.iter();
+            let control = managers.find(|manager| manager.number == number)?.control;
+            (guarded.length > 0).then(|| Channel {
+                outputs,
+                sync_manager: number,
+                watchdog: control & isocat_wire::sync_manager::SyncManager::CONTROL_WATCHDOG != 0,
+                bytes: guarded.length,
+                pdos: pdos.to_vec(),
+            })
+        };
+        data.assigned().filter_map(channel).collect()
     };
     let mut notes: Vec<_> = list.notes.clone();
     notes.extend(warnings(report, Some(of.position)));
@@ -267,10 +271,7 @@ fn device(plan: &Plan, report: &PlanReport, of: &report::Device, list: &DeviceSt
         why_mode: format!("mode {}, {reason}", of.mode),
         clock: list.dc.is_some(),
         unit: unit(report, of, list),
-        channels: [channel(true, &found.outputs), channel(false, &found.inputs)]
-            .into_iter()
-            .flatten()
-            .collect(),
+        channels: [channels(true, &found.outputs), channels(false, &found.inputs)].concat(),
         objects: list.objects.iter().map(object).collect(),
         drives: list.parameters.clone(),
         watchdog: written(list, register::WATCHDOG_TIME_PROCESS_DATA.address)

@@ -67,12 +67,24 @@ pub(super) struct Eeprom {
     /// Use of each FMMU.
     pub fmmus: Vec<u8>,
     pub sync_managers: Vec<SmRecord>,
+    /// Windows of inputs, by SyncManager.
+    pub windows: Vec<Window>,
     /// Each OpMode: name, description, record.
     pub op_modes: Vec<(String, String, [u8; 24])>,
     /// Order number: the device type.
     pub order: String,
     /// Least size of the EEPROM in bytes.
     pub size: usize,
+}
+
+/// Inputs that an FMMU alone maps, straight from registers. The device's program has no part in them.
+#[derive(Clone, Debug)]
+pub(super) struct Window {
+    /// The SyncManager that stands for it and stays off.
+    pub sync_manager: u8,
+    /// Bytes.
+    pub length: u16,
+    pub pdos: Vec<Pdo>,
 }
 
 /// A value and its byte offset in the file.

@@ -36,6 +36,7 @@ mod op_mode;
 mod sampling;
 mod soe;
 mod startup;
+mod windows;
 
 pub use op_mode::{Doubt, RunAs};
 
@@ -193,7 +194,9 @@ impl<'f> Import<'f> {
             serial: device.serial,
         };
         let mut mailbox = self.mailbox()?;
-        let image = device.image(self.mode);
+        let mut image = device.image(self.mode);
+        let (guarded, windows) = self.part(std::mem::take(&mut image.inputs));
+        image.inputs = guarded;
         let both =
             [(Direction::Outputs, &image.outputs[..]), (Direction::Inputs, &image.inputs[..])];
         let speaks = mailbox.is_some().then(|| self.speaks(both));
@@ -202,6 +205,7 @@ impl<'f> Import<'f> {
         }
         let mut outputs = self.area(Direction::Outputs, &image.outputs, mailbox.is_some())?;
         let mut inputs = self.area(Direction::Inputs, &image.inputs, mailbox.is_some())?;
+        let windows = self.windows(&windows, inputs.as_ref(), mailbox.is_some())?;
         self.sampling = self.sampling(&image);
         self.emulated = mailbox.is_none() && self.has_emulation([&outputs, &inputs]);
         shorten(&mut outputs, &inputs, mailbox.map(|mailbox| mailbox.value));
@@ -213,7 +217,8 @@ impl<'f> Import<'f> {
         };
         let chip = self.chip(mailbox.map(|mailbox| mailbox.value), [&outputs, &inputs]);
         let times = self.times(&objects);
-        let eeprom = self.eeprom([&outputs, &inputs], mailbox.map(|mailbox| mailbox.value));
+        let eeprom =
+            self.eeprom([&outputs, &inputs], windows, mailbox.map(|mailbox| mailbox.value));
         let name = |text: &str, other: &str| {
             let text = if text.is_empty() { other } else { text };
             super::sii::cut(text).to_owned()

@@ -8,7 +8,7 @@ use isocat_wire::sii::{Header, MailboxArea, SmRecord, checksum, sm_type};
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
 
-use super::draft::{Area, Draft, Pdo, PdoEntry};
+use super::draft::{Area, Draft, Pdo, PdoEntry, Window};
 use super::ports;
 
 /// The image, in the smallest usual EEPROM size.
@@ -18,7 +18,7 @@ pub(super) fn image(draft: &Draft<'_>) -> Result<Vec<u8>, FileError> {
         general: Some(general(draft)),
         fmmus: fmmus(draft),
         sync_managers: sync_managers(draft),
-        inputs: pdos(draft.inputs.as_ref()),
+        inputs: [pdos(draft.inputs.as_ref()), windows(draft)].concat(),
         outputs: pdos(draft.outputs.as_ref()),
         op_modes: op_modes(draft),
         others: Vec::new(),
@@ -189,15 +189,28 @@ fn default_length(area: &Area) -> u16 {
 
 fn pdos(area: Option<&Area>) -> Vec<SiiPdo> {
     let Some(area) = area else { return Vec::new() };
-    let pdo = |pdo: &Pdo| SiiPdo {
+    area.pdos.iter().map(|one| pdo(one, area.sync_manager_of(one.index))).collect()
+}
+
+/// The PDOs in windows of inputs.
+fn windows(draft: &Draft<'_>) -> Vec<SiiPdo> {
+    let windows = draft.eeprom.iter().flat_map(|eeprom| &eeprom.windows);
+    let of = |window: &Window| {
+        let number = Some(window.sync_manager);
+        window.pdos.iter().map(|one| pdo(one, number)).collect::<Vec<_>>()
+    };
+    windows.flat_map(of).collect()
+}
+
+fn pdo(pdo: &Pdo, sync_manager: Option<u8>) -> SiiPdo {
+    SiiPdo {
         index: pdo.index,
-        sync_manager: area.sync_manager_of(pdo.index),
+        sync_manager,
         sync_unit: 0,
         name: pdo.name.clone(),
         flags: SiiPdo::FIXED,
         entries: pdo.entries.iter().map(entry).collect(),
-    };
-    area.pdos.iter().map(pdo).collect()
+    }
 }
 
 fn entry(entry: &PdoEntry) -> SiiEntry {

@@ -9,6 +9,7 @@ use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER};
 use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::datagram::Address;
 use isocat_wire::dc::AssignActivate;
+use isocat_wire::sii::SmRecord;
 use isocat_wire::time::Picos;
 use isocat_wire::{PortNumber, StationAddress};
 
@@ -274,7 +275,8 @@ fn sync_managers(found: &SubDevice) -> Vec<SyncManager> {
             length: record.length,
             control: record.control,
             control_in_words: esc::control(record.control),
-            enabled: record.enable & 1 != 0,
+            enabled: record.enable & SmRecord::ENABLED != 0,
+            window: record.is_window(),
             use_in_sii: esc::sync_manager_use(record.kind),
             use_in_object: kinds.get(number).map(|kind| esc::sync_manager_use(*kind)),
         })
@@ -296,10 +298,12 @@ fn process_data(data: &segment::ProcessData, by_objects: bool) -> ProcessData {
         sync_manager: guarded.sync_manager,
         start: guarded.start,
         length: guarded.length,
+        window: guarded.window,
     };
     ProcessData {
         source: if by_objects { "objects" } else { "SII" }.to_owned(),
         sync_manager: data.sync_manager,
+        window: data.window,
         start: data.start,
         length: data.length,
         further: data.further.iter().map(guarded).collect(),

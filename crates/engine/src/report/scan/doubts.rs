@@ -160,6 +160,19 @@ impl Doubts {
                 ),
             );
         }
+        for (number, record) in records.iter().enumerate().filter(|(_, sm)| sm.is_window()) {
+            let mut outputs = device.sii.rx_pdos.iter();
+            if !device.has_coe() && outputs.any(|pdo| usize::from(pdo.record.sm) == number) {
+                self.asks(
+                    NoteKind::WindowNotMapped,
+                    format!(
+                        "its SII assigns outputs to SyncManager {number}, a window on {:#06x}: they are not mapped, as \
+                        registers are the plan's to write",
+                        record.start
+                    ),
+                );
+            }
+        }
         for (number, (record, kind)) in records.iter().zip(&device.sm_types).enumerate() {
             if record.kind != *kind && *kind != sm_type::UNUSED {
                 let (sii, object) = (sync_manager_use(record.kind), sync_manager_use(*kind));
@@ -246,7 +259,8 @@ fn areas(device: &SubDevice) -> Vec<(String, u32, u32)> {
         }
     }
     for (name, data) in [("outputs", &device.outputs), ("inputs", &device.inputs)] {
-        for segment::Guarded { sync_manager, start, length, .. } in data.guarded() {
+        let guarded = data.guarded().filter(|guarded| !guarded.window);
+        for segment::Guarded { sync_manager, start, length, .. } in guarded {
             let record = device.sii.sync_managers.get(usize::from(sync_manager));
             // A single byte has one buffer, and registers are there once.
             let one = length == 1 || start < PROCESS_RAM;

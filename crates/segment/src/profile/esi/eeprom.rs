@@ -5,12 +5,17 @@ use isocat_subdevice::description::Mailbox;
 use isocat_wire::sii::{MailboxArea, SmRecord, sm_type};
 use isocat_wire::sync_manager::SyncManager;
 
-use super::super::draft::{Area, Eeprom};
+use super::super::draft::{Area, Eeprom, Window};
 use super::super::sii::{self, cut};
 use super::{Doubt, Import};
 
 impl Import<'_> {
-    pub(super) fn eeprom(&mut self, areas: [&Option<Area>; 2], mailbox: Option<Mailbox>) -> Eeprom {
+    pub(super) fn eeprom(
+        &mut self,
+        areas: [&Option<Area>; 2],
+        windows: Vec<Window>,
+        mailbox: Option<Mailbox>,
+    ) -> Eeprom {
         let device = self.device;
         let coe = device.mailbox.as_ref().and_then(|mailbox| mailbox.coe.as_ref());
         let mut details = 0;
@@ -29,6 +34,12 @@ impl Import<'_> {
         let mut sync_managers = Vec::new();
         let has_outputs = areas[0].as_ref().is_some_and(|area| area.bits(&area.default) > 0);
         for (number, sm) in device.sync_managers.iter().enumerate() {
+            if let Purpose::Window(_) = sm.purpose {
+                let mut mapped = windows.iter();
+                let mapped = mapped.find(|window| usize::from(window.sync_manager) == number);
+                sync_managers.push(window(sm, mapped));
+                continue;
+            }
             let length = areas.into_iter().flatten().find_map(|area| length_of(area, number));
             sync_managers.push(self.sync_manager(number, sm, length, mailbox, has_outputs));
         }
@@ -40,6 +51,7 @@ impl Import<'_> {
             ports: ports(device.physics.as_deref().unwrap_or("YY")),
             fmmus: device.fmmus.clone(),
             sync_managers,
+            windows,
             op_modes: device.op_modes().iter().map(record).collect(),
             order: cut(&device.type_name).to_owned(),
             size: device.eeprom.as_ref().map_or(0, |eeprom| eeprom.byte_size),
@@ -97,7 +109,7 @@ impl Import<'_> {
             Purpose::MailboxIn => (sm_type::MAILBOX_IN, SyncManager::MAILBOX_IN),
             Purpose::Outputs => (sm_type::OUTPUTS, SyncManager::OUTPUTS),
             Purpose::Inputs => (sm_type::INPUTS, SyncManager::INPUTS),
-            Purpose::Window => (sm_type::UNUSED, 0),
+            Purpose::Window(_) => (sm_type::UNUSED, 0),
         };
         let mut control = sm.control.unwrap_or(usual);
         let is_mailbox = matches!(sm.purpose, Purpose::MailboxOut | Purpose::MailboxIn);
@@ -119,15 +131,23 @@ impl Import<'_> {
             );
             self.doubts.push(Doubt::new("al-event-added", words));
         }
-        let flags = [
-            (length > 0, ENABLED),
-            (sm.purpose == Purpose::Window, VIRTUAL),
-            (sm.op_only, OP_ONLY),
-        ];
+        let flags = [(length > 0, SmRecord::ENABLED), (sm.op_only, SmRecord::OP_ONLY)];
         let enable = flags.into_iter().filter(|(is, _)| *is).fold(0, |sum, (_, bit)| sum | bit);
         // Where nothing is exchanged, nobody is to find a use for it.
         let kind = if length == 0 && assigned.is_none() { sm_type::UNUSED } else { kind };
         SmRecord { start: sm.start, length, control, status: 0, enable, kind }
+    }
+}
+
+/// The record of a window: no SyncManager is activated. One that nothing maps is told as unused.
+fn window(sm: &EsiSyncManager, mapped: Option<&Window>) -> SmRecord {
+    SmRecord {
+        start: sm.start,
+        length: mapped.map_or(0, |window| window.length),
+        control: sm.control.unwrap_or(0),
+        status: 0,
+        enable: SmRecord::VIRTUAL | if sm.op_only { SmRecord::OP_ONLY } else { 0 },
+        kind: if mapped.is_some() { sm_type::INPUTS } else { sm_type::UNUSED },
     }
 }
 
@@ -171,8 +191,3 @@ fn ports(physics: &str) -> u16 {
     });
     kinds.enumerate().fold(0, |sum, (port, kind)| sum | kind << (4 * port))
 }
-
-/// Bits of a SyncManager's record.
-const ENABLED: u8 = 0x01;
-const VIRTUAL: u8 = 0x04;
-const OP_ONLY: u8 = 0x08;

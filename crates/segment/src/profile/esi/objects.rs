@@ -58,7 +58,7 @@ impl Import<'_> {
                 Purpose::MailboxIn => sm_type::MAILBOX_IN,
                 Purpose::Outputs => sm_type::OUTPUTS,
                 Purpose::Inputs => sm_type::INPUTS,
-                Purpose::Window => sm_type::UNUSED,
+                Purpose::Window(_) => sm_type::UNUSED,
             };
             let name = format!("SyncManager {}", number - 1);
             entries.push(entry(at, number, &name, 8 + 8 * u32::from(number), vec![kind]));

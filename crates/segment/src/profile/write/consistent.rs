@@ -20,6 +20,13 @@ pub(super) fn mend(draft: &mut Draft<'_>, notes: &mut Vec<String>) -> Result<(),
     }
     parameters(draft, notes);
     if let Some(eeprom) = draft.eeprom.take() {
+        for window in &eeprom.windows {
+            notes.push(format!(
+                "{WINDOW_LEFT_OUT}: SyncManager {} is a window of {} bytes of inputs on registers; a profile has no \
+                 key for it",
+                window.sync_manager, window.length
+            ));
+        }
         configuration(draft, &eeprom);
         chip(draft, notes);
     }
@@ -74,6 +81,8 @@ fn parameters(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
 
 /// The kind of the note on removed parameters.
 const SOE_LEFT_OUT: &str = "soe-parameters-left-out";
+/// The kind of the note of a window.
+const WINDOW_LEFT_OUT: &str = "window-left-out";
 
 /// Words 0 to 6 of the EEPROM, as keys of `[esc]`.
 fn configuration(draft: &mut Draft<'_>, eeprom: &Eeprom) {

@@ -57,8 +57,9 @@ impl ScanReport {
         )?;
         line("clock", self.clock(device))?;
         for (i, manager) in device.sync_managers.iter().enumerate() {
+            let window = if manager.window { "window of " } else { "" };
             let mut text = format!(
-                "{}: {}, {} bytes at {:#06x}",
+                "{}: {window}{}, {} bytes at {:#06x}",
                 manager.number, manager.use_in_sii, manager.length, manager.start
             );
             if let Some(object) =
@@ -260,12 +261,16 @@ fn process_data(data: &ProcessData) -> String {
         format!("0x{:04X} ({bits})", pdo.index)
     });
     let pdos: Vec<String> = pdos.collect();
+    let at = |number: u8, start: u16, window: bool| {
+        let off = if window { " (a window)" } else { "" };
+        format!(", SyncManager {number}{off} at {start:#06x}")
+    };
     let mut place = match data.sync_manager {
-        Some(number) => format!(", SyncManager {number} at {:#06x}", data.start),
+        Some(number) => at(number, data.start, data.window),
         None => ", no SyncManager".to_owned(),
     };
     for further in &data.further {
-        place += &format!(", SyncManager {} at {:#06x}", further.sync_manager, further.start);
+        place += &at(further.sync_manager, further.start, further.window);
     }
     format!("{}: {} bytes{place}, by {}", pdos.join(" "), data.length, data.source)
 }

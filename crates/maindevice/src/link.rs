@@ -92,6 +92,8 @@ pub(crate) struct Travel {
     /// It leaves when every frame is back, those of the cycle too. If there is no such moment for
     /// 100 ms, it is lost.
     pub quiet: bool,
+    /// In one frame with the datagram that is queued next: both get there, or neither.
+    pub with_next: bool,
 }
 
 impl Link {

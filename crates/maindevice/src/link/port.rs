@@ -67,6 +67,7 @@ struct Slot {
     losses: u8,
     alone: bool,
     quiet: bool,
+    with_next: bool,
     /// Nobody waits any more.
     abandoned: bool,
 }
@@ -133,6 +134,7 @@ impl Port {
             losses: 0,
             alone: travel.alone,
             quiet: travel.quiet,
+            with_next: travel.with_next,
             abandoned: false,
         };
         let at = match self.free.pop() {
@@ -172,8 +174,8 @@ impl Port {
         self.now < due
     }
 
-    /// Builds the next frame of queued datagrams, of `most` bytes at most unless a single datagram
-    /// is longer; `None` if nothing is queued or too much is in flight.
+    /// Builds the next frame of queued datagrams, of `most` bytes at most unless a single datagram,
+    /// or two that travel together, are longer; `None` if nothing is queued or too much is in flight.
     pub fn transmit(
         &mut self,
         now: Time<Host>,
@@ -192,17 +194,21 @@ impl Port {
         let mut slots = self.spare.pop().unwrap_or_default();
         let mut len = HEADERS;
         let mut losses = 0;
+        // The datagram before belongs together with the next one.
+        let mut bound = false;
         while let Some(&at) = self.queue.front() {
+            let room = self.front_len();
             let slot = &mut self.slots[at];
             let more = slot.data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
             let first = slots.is_empty();
-            if !first && (slot.alone || slot.quiet || len + more > most) {
+            if !first && !bound && (slot.alone || slot.quiet || len + room > most) {
                 break;
             }
             if frame.push(slot.command, index, slot.address, &slot.data).is_err() {
                 break;
             }
             let alone = slot.alone;
+            bound = slot.with_next;
             slot.state = SlotState::InFlight;
             slot.sent = now;
             slots.push(at);
@@ -257,12 +263,23 @@ impl Port {
         index
     }
 
-    /// Bytes on the wire of the first datagram queued, as a frame of its own; `None` if nothing is
-    /// queued.
+    /// Bytes on the wire of the first datagram queued, as a frame of its own, with the one that it
+    /// travels with; `None` if nothing is queued.
     pub fn first_len(&self) -> Option<usize> {
-        let &at = self.queue.front()?;
-        let len = self.slots[at].data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
-        Some(len + HEADERS)
+        self.queue.front().map(|_| self.front_len() + HEADERS)
+    }
+
+    /// Bytes of the first datagram queued and of those that are bound to it.
+    fn front_len(&self) -> usize {
+        let mut len = 0;
+        for &at in &self.queue {
+            let slot = &self.slots[at];
+            len += slot.data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
+            if !slot.with_next {
+                break;
+            }
+        }
+        len
     }
 
     /// Takes the datagrams of a frame that came back; `false` if it is none of ours.

@@ -2,17 +2,17 @@
 
 use alloc::vec::Vec;
 
-use isocat_sync::drift::{Convergence, Verdict};
+use isocat_sync::drift::{Convergence, Limits, Verdict};
 use isocat_wire::StationAddress;
 use isocat_wire::register;
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::drift_frames::{
-    Burst, PACE, followers, hasten, limits, noise, pace_for, read_differences, reading_interval,
+    Burst, followers, hasten, limits, noise_behind, read_differences, reading_interval,
 };
-use super::settings::{NOISY, depths, set_filter};
+use super::pace::Pace;
+use super::settings::{depths, locking_depth, set_filter};
 use crate::config::Config;
-use crate::delay;
 use crate::error::Cause;
 use crate::link::Link;
 use crate::segment::{Segment, SubDevice};
@@ -20,9 +20,11 @@ use crate::segment::{Segment, SubDevice};
 /// Drives the drift loop until every clock has converged: a stream of FRMW, several in flight, with
 /// a look at 0x092C of all clocks now and then.
 ///
-/// A burst locks them. Slower frames follow where the cycle's own drift datagrams come much more seldom, as they teach the
-/// speed well enough for that, and where a burst does not do: jitter of hops goes round in a few milliseconds, and a loop
-/// that is led faster than that takes it for drift.
+/// A loop turns what a difference grows by into a speed, over 2^(0x0935) drift frames. While it learns, the clock moves
+/// by as much as it drifts in so many intervals, so short intervals keep it near; but what is noise in the difference is
+/// an error of the speed, the larger the shorter the interval is, and the clock moves by that when intervals become longer.
+/// So the interval grows with the time that the loops have had ([`Pace`]): each of them then knows its speed as well
+/// as all that it has seen allows, and comes to the interval of the cycle without having moved by much.
 pub(super) async fn converge(
     link: &Link,
     config: &Config,
@@ -31,30 +33,20 @@ pub(super) async fn converge(
 ) -> Result<(), Cause> {
     let begin = link.now();
     let end = begin + config.timeouts.drift;
+    let noise = noise_behind(segment, config, locking_depth(config));
+    let (difference, speed) = depths(segment, config);
+    let most = followers(segment, reference).iter().map(|(at, _)| noise[*at]).max();
+    let pace = Pace::new(config.cycle, speed, most.unwrap_or_default());
     let hurry = end.min(begin + HURRY);
-    let way = delay::noise(segment, config.hop_jitter);
-    let noisy = way.iter().any(|one| *one > NOISY);
-    let fine = noise(segment, config);
-    // What a burst leaves of the jitter must not hold it up: it counts as locked with what the
-    // filter of a short way leaves, 1 / sqrt(31).
-    let shallow = |way: &Nanos| Nanos((way.0 * 18 + 99) / 100);
-    let coarse: Vec<_> = fine.iter().zip(&way).map(|(fine, way)| shallow(way).max(*fine)).collect();
-    let led = lead(link, config, segment, reference, (PACE, 0), &coarse, hurry).await?;
-    let slower = pace_for(config.cycle).max(if noisy { SLOW_PACE } else { PACE });
-    let led = match led {
-        Led::Converged if slower > PACE => {
-            let most = if noisy { MOST_SETTLING } else { MOST_LEARNING };
-            let settled = end.min(link.now() + Nanos(slower.0 * most));
-            let learn = (slower, LEARNING_FRAMES);
-            lead(link, config, segment, reference, learn, &fine, settled).await?;
-            Led::Converged
-        }
-        Led::Converged => Led::Converged,
-        Led::Not { .. } => {
-            let learn = (slower.max(SLOW_PACE), LEARNING_FRAMES);
-            lead(link, config, segment, reference, learn, &fine, end).await?
-        }
-    };
+    let mut led = Led::Far;
+    while matches!(led, Led::Far) && link.now() < hurry {
+        // What a disturbance has left of a phase goes with the number of frames: once more by many of them.
+        led = lead(link, config, segment, reference, (pace, true), &noise, hurry).await?;
+    }
+    if !matches!(led, Led::Converged) {
+        let settled = (pace.settled(), false);
+        led = lead(link, config, segment, reference, settled, &noise, end).await?;
+    }
     if let Led::Not { device, slope_ppb } = led {
         let device = &segment.devices[device];
         return Err(Cause::Drift {
@@ -64,7 +56,6 @@ pub(super) async fn converge(
             after: link.now() - begin,
         });
     }
-    let (difference, _) = depths(segment, config);
     let address = register::TIME_FILTER_DEPTH.address;
     let count = followers(segment, reference).len() as u16 + 1;
     link.bwr(address, &[difference]).expect(count).await?;
@@ -75,6 +66,8 @@ pub(super) async fn converge(
 /// What leading the clocks came to.
 enum Led {
     Converged,
+    /// Not yet, and one is so far off that it takes more than patience.
+    Far,
     /// The worst clock, and its slope.
     Not {
         device: usize,
@@ -82,29 +75,31 @@ enum Led {
     },
 }
 
-/// Leads all clocks by one drift frame each `pace` until every clock has converged, and by `least`
-/// frames at least; until `end` at the latest. `noise` is what 0x092C shows of the jitter, by
+/// Leads all clocks by drift frames at a pace until it grows no more, and on until every clock has converged; until `end` at
+/// the latest, or where a pace is `tried` until one is seen to be far off. `noise` is what 0x092C shows of the jitter, by
 /// position (1 sigma).
 async fn lead(
     link: &Link,
     config: &Config,
     segment: &mut Segment,
     reference: usize,
-    (pace, least): (Nanos, i64),
+    (pace, tried): (Pace, bool),
     noise: &[Nanos],
     end: Time<Host>,
 ) -> Result<Led, Cause> {
     let begin = link.now();
     let clocks = followers(segment, reference);
-    let mut judged: Vec<_> =
-        clocks.iter().map(|(at, _)| Convergence::new(limits(config, noise[*at]))).collect();
+    let limits: Vec<_> = clocks.iter().map(|(at, _)| limits(config, noise[*at])).collect();
+    let mut judged: Vec<_> = limits.iter().map(|limits| Convergence::new(*limits)).collect();
     let count = clocks.len() as u16 + 1;
     let station = segment.devices[reference].station;
     let mut burst = Burst::new(link, station, count, pace);
     let noise = clocks.iter().map(|(at, _)| noise[*at]).max().unwrap_or_default();
-    let interval = reading_interval(noise).max(Nanos(FRAMES_PER_READING * pace.0));
-    let learned = begin + Nanos(pace.0 * least);
-    let mut next_reading = begin + interval;
+    let interval = reading_interval(noise);
+    let learned = if tried { begin + pace.lasts() } else { begin };
+    let window = Nanos(interval.0 * READINGS);
+    // Before that it is known that they move.
+    let mut next_reading = (begin + interval).max(learned + Nanos(-window.0));
     loop {
         burst.until(next_reading).await?;
         let asked = link.now();
@@ -125,6 +120,14 @@ async fn lead(
             burst.finish().await?;
             return Ok(Led::Converged);
         }
+        let is_far = |((device, _), limits): (&(usize, StationAddress), &Limits)| {
+            let shown = segment.devices[*device].difference.unwrap_or_default();
+            shown.abs().0 > FAR * (limits.mean + limits.noise).0
+        };
+        if tried && link.now() >= learned && clocks.iter().zip(&limits).any(is_far) {
+            burst.finish().await?;
+            return Ok(Led::Far);
+        }
         if link.now() >= end {
             burst.finish().await?;
             let (device, slope_ppb) = worst(&clocks, &judged, segment);
@@ -133,15 +136,13 @@ async fn lead(
     }
 }
 
-/// Clocks lock in half a second of a burst as a rule. One that has not by then has time: a clock that never comes into step,
+/// Readings that a verdict needs.
+const READINGS: i64 = 16;
+/// So many times beyond the limit of the mean, a clock needs more than patience.
+const FAR: i64 = 5;
+/// Clocks lock in the fourth part of a second as a rule. One that has not by then has time: a clock that never comes into step,
 /// whatever it is led by, must not take the wire for as long as it is waited for.
 const HURRY: Nanos = Nanos(2_000_000_000);
-
-/// The pace of drift frames then, and where hops jitter.
-const SLOW_PACE: Nanos = Nanos(1_000_000);
-
-/// Drift frames from one reading to the next.
-const FRAMES_PER_READING: i64 = 10;
 
 /// The clock that is furthest off, and its slope.
 fn worst(
@@ -202,14 +203,5 @@ pub(crate) async fn follow(
     }
 }
 
-/// Most drift frames at the slower pace where a burst has locked the clocks already.
-const MOST_LEARNING: i64 = 512;
-
-/// The same where hops jitter: each frame takes a 1024th off what the burst left of it.
-const MOST_SETTLING: i64 = 4096;
-
-/// Drift frames at the slower pace: what a filter of speeds of the usual depth, a mean over 64, held before is forgotten to
-/// an eighth.
-const LEARNING_FRAMES: i64 = 128;
 /// Drift frames go out for at least so many times as long as a reading of all clocks takes.
 const PULLING_PER_READING: i64 = 3;

@@ -6,13 +6,14 @@
 //! SubDevice, [`moment`] by moment; [`diagnosis`] looks for causes in both. [`scan`] tells what a
 //! segment is before any cycle, [`calibrate`] measures what its chips do that no data sheet tells.
 //! [`verdict`] judges a segment by what its wire shows. `sweep` runs a segment many times, on several threads. While a segment runs, [`status`] is what is known of it. On Linux, [`live`] does the same jobs
-//! on a real interface. [`explain`] gives codes, objects and registers their meaning.
+//! on a real interface. [`explain`] gives codes, objects and registers their meaning; [`fold`] lets views tell equal devices as one.
 #![forbid(unsafe_code)]
 
 pub mod calibrate;
 pub mod catalog;
 pub mod diagnosis;
 pub mod explain;
+pub mod fold;
 #[cfg(target_os = "linux")]
 pub mod live;
 pub mod moment;

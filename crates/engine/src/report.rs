@@ -5,6 +5,7 @@
 //! measured or counted with its own clock, `plan` was computed before the run.
 
 pub mod age;
+pub mod alike;
 mod build;
 pub mod calibrate;
 mod expected;
@@ -34,10 +35,11 @@ use serde::Serialize;
 pub use services::ServiceNote;
 pub(crate) use text::{BAD, GOOD, QUIET};
 
+use crate::diagnosis::Diagnosis;
 use typed::{KindDocument, StateRead};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-run-report/7";
+pub const FORMAT: &str = "isocat-run-report/8";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -71,6 +73,8 @@ pub struct Report {
     pub faults: Vec<FaultNote>,
     /// Why not, in the order of time; what has no time of its own comes last.
     pub findings: Vec<Finding>,
+    /// Causes and remedies, those with a cause first; empty in sync, and in a report of a sweep, which records nothing.
+    pub diagnoses: Vec<Diagnosis>,
     /// How SubDevices that may be absent came and went; nothing against the segment.
     pub visits: Vec<Finding>,
     /// Optional services that SubDevices answered badly, and what was taken instead; nothing against the segment.
@@ -235,6 +239,8 @@ pub struct Device {
     pub name: String,
     /// Profile.
     pub profile: String,
+    /// Line of the segment file at which its table begins; with `count` that of several.
+    pub line: usize,
     /// Synchronization mode: free-run, sm, dc-sync0.
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]

@@ -3,6 +3,7 @@
 use isocat_descriptions::quantity::time;
 use isocat_engine::Report;
 use isocat_engine::diagnosis::{Diagnosis, diagnose};
+pub use isocat_engine::recording::spans;
 use isocat_engine::recording::{Recorded, RecordedDevice};
 use isocat_engine::report::Device;
 use isocat_maindevice::Segment;
@@ -38,11 +39,6 @@ pub struct Run<'a> {
     pub limit: Nanos,
     /// The command that repeats it.
     pub command: &'a str,
-}
-
-/// Spans of time that a series of one SubDevice has on a page with so many of them: a page stays below 2 MB.
-pub fn spans(devices: usize) -> usize {
-    (4_000 / devices.max(1)).clamp(40, 400)
 }
 
 /// What the page says first.

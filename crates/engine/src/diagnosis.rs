@@ -1,26 +1,35 @@
 //! Why a SubDevice is not in sync and what to do about it: from the results of a run, compared with
 //! the plan.
 //!
+//! Each cause is told with the figures that show it. What is not shown by figures is not told: then the meaning of the AL status
+//! code is all there is. A remedy that is a line of the segment file says where the line goes.
+
+mod place;
+mod text;
 //! Each cause is stated with the figures that show it. A cause that no figure shows is not stated:
 //! then only the meaning of the AL status code is given.
 
 use isocat_descriptions::quantity::time;
 use isocat_maindevice::Segment;
 use isocat_maindevice::segment::Timing;
+use isocat_segment::Scenario;
 use isocat_sim::{Judged, Kind};
 use isocat_sync::budget::{Check, Device, window};
 use isocat_sync::explain::al_codes;
 use isocat_sync::{Moment, SyncSignal};
 use isocat_wire::AlStatusCode;
 use isocat_wire::time::{Nanos, Picos};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use crate::Report;
 use crate::recording::cycle::{CycleSeen, acting};
 use crate::recording::series::Series;
-use crate::recording::{Recorded, RecordedDevice};
+use crate::recording::{Recorded, RecordedDevice, Recording};
 
 /// A fault of one SubDevice or of the segment.
-#[derive(Clone, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
 pub struct Diagnosis {
     /// The SubDevice; `None` for the segment.
     pub position: Option<usize>,
@@ -34,6 +43,23 @@ pub struct Diagnosis {
     pub remedies: Vec<String>,
 }
 
+impl Report {
+    /// Looks for causes and remedies in what was recorded of this run ([`diagnose`]).
+    pub fn explain(&mut self, recorded: &Recorded, segment: &Segment, limit: Nanos) {
+        self.diagnoses = diagnose(self, recorded, segment, limit);
+    }
+}
+
+/// Runs a scenario once more with a recorder, for a run that nobody recorded: the same seed gives the same run.
+/// `progress` hears of it as in [`isocat_sim::Run::execute`].
+pub fn record(
+    scenario: &Scenario,
+    progress: &mut dyn FnMut(isocat_sim::run::Progress),
+) -> (Recorded, Segment) {
+    let outcome = scenario.run().execute(Some(Recording::of(scenario)), progress);
+    let segment = outcome.world.main().segment().clone();
+    (outcome.world.into_tap().expect("it was given one").finish(), segment)
+}
 /// All faults; empty for a segment in sync. `limit` is the largest SYNC0 error that the judges
 /// allowed.
 pub fn diagnose(
@@ -133,6 +159,10 @@ struct Case<'a> {
 }
 
 impl Case<'_> {
+    /// A line in its table of the segment file.
+    fn in_device(&self, line: &str) -> String {
+        place::device(self.report, &self.report.devices[self.position], line)
+    }
     /// Looks for SYNC pulses that made no edge.
     fn lost_pulses(&mut self) {
         let mut own = self.report.findings.iter().filter(|f| f.position == Some(self.position));
@@ -161,14 +191,18 @@ impl Case<'_> {
             )),
             _ => {}
         }
+        let shorter = self.in_device("pulse = \"10us\"");
         self.remedies.push(match (acknowledged, is_short) {
-            (true, true) => "Have its program read 0x098E (SYNC1: 0x098F) as soon as the interrupt comes, and not behind its work; or let \
-                             pulses end by themselves: word 2 of its EEPROM, in 10 ns (in a segment file pulse = \"10us\")."
-                .into(),
+            (true, true) => format!(
+                "Have its program read 0x098E (SYNC1: 0x098F) as soon as the interrupt comes, and not behind its work; or let \
+                 pulses end by themselves (word 2 of its EEPROM, in 10 ns): {shorter}."
+            ),
             (true, false) => "Switch its SYNC unit off and program it again (0x0981), or switch the device off and on; pulses that end by \
                               themselves (word 2 of its EEPROM) can't get stuck."
                 .into(),
-            (false, _) => "Make the pulse shorter: word 2 of its EEPROM, in 10 ns (in a segment file pulse = \"10us\").".into(),
+            (false, _) => {
+                format!("Make the pulse shorter (word 2 of its EEPROM, in 10 ns): {shorter}.")
+            }
         });
         self.causes.extend(self.short_line());
     }
@@ -209,16 +243,19 @@ impl Case<'_> {
             let line = timing.demand(self.position, Check::OutputsBeforeSync0).map(|d| d.line());
             let short = line.map_or(Nanos::ZERO, |line| Nanos(over.ceil() as i64) - line.slack());
             let also = match timing.sync0.filter(|_| short > Nanos::ZERO) {
-                Some(shift) => format!(
-                    ", and with it let the pulse come later: shift = \"{}us\", or no shift in the file, then the plan chooses one (now \
-                     {shift})",
-                    (shift + short).0.div_euclid(1_000) + 1
-                ),
+                Some(shift) => {
+                    let later = (shift + short).0.div_euclid(1_000) + 1;
+                    let line = place::head(self.report, &format!("shift = \"{later}us\""));
+                    format!(
+                        "; and with it let the pulse come later, {line} (now {shift}), or no shift there, then the plan chooses one"
+                    )
+                }
                 None => String::new(),
             };
+            let states = self.in_device(&format!("calc_copy = \"{} ns\"", true_time.0));
             self.remedies.push(format!(
-                "State the time that it really needs, 0x1C32:06 = {} ns (its maker does; in a segment file calc_copy = \"{} ns\"){also}.",
-                true_time.0, true_time.0
+                "State the time that it really needs (0x1C32:06 = {} ns; its maker does): {states}{also}.",
+                true_time.0
             ));
             self.remedies.push(format!(
                 "Or make its program faster from the SM2 event until outputs are copied, by {} at least.",
@@ -228,10 +265,10 @@ impl Case<'_> {
         self.later(cycle, device, timing, late);
         if let Some(short) = self.short_line().filter(|short| !self.causes.contains(short)) {
             self.causes.push(short);
-            self.remedies.push(
-                "isocat plan FILE --suggest tells the phase and the smallest cycle that fit."
-                    .into(),
-            );
+            self.remedies.push(format!(
+                "isocat plan{} --suggest tells the phase and the smallest cycle that fit.",
+                place::argument(self.report)
+            ));
         }
     }
 
@@ -266,11 +303,11 @@ impl Case<'_> {
         self.causes.extend(causes);
         if let Some(short) = self.short_line().filter(|short| !self.causes.contains(short)) {
             self.causes.push(short);
-            self.remedies.push(
-                "isocat plan FILE shows by how much: another phase (shift), a shorter input_shift, another sync1 or a longer \
-                 cycle makes room; isocat plan FILE --suggest tells the phase and the smallest cycle that fit."
-                    .into(),
-            );
+            let file = place::argument(self.report);
+            self.remedies.push(format!(
+                "isocat plan{file} shows by how much: another phase (shift in the head), a shorter input_shift, another sync1 or a \
+                 longer cycle makes room; isocat plan{file} --suggest tells the phase and the smallest cycle that fit."
+            ));
         }
     }
 
@@ -300,10 +337,14 @@ impl Case<'_> {
                 "A later pulse alone does not help: the latest that its inputs allow is {latest}, needed are {later}. A longer cycle \
                  does."
             )),
-            _ => self.remedies.push(format!(
-                "Or place the pulse later: shift = \"{}us\" in the segment file (now {shift}). That covers what was seen here, and no more.",
-                later.0 / 1_000
-            )),
+            _ => {
+                let line = format!("shift = \"{}us\"", later.0 / 1_000);
+                let (line, or) =
+                    (place::head(self.report, &line), if self.remedies.is_empty() { "P" } else { "Or p" });
+                self.remedies.push(format!(
+                    "{or}lace the pulse later: {line} (now {shift}). That covers what was seen here, and no more."
+                ));
+            }
         }
         let stored = timing.moments(self.position).and_then(|moments| moments.of(Moment::Sm2));
         if let (Some(stored), Some(seen)) = (stored, cycle.of(Moment::Sm2)) {
@@ -314,10 +355,12 @@ impl Case<'_> {
                     time(beyond),
                     timing.cycle.jitter
                 ));
-                self.remedies.push(
-                    "Plan with what the host really does: a larger [host] jitter; isocat run --preflight tells what makes it late."
-                        .into(),
-                );
+                let jitter = timing.cycle.jitter.0 + beyond.ceil() as i64;
+                let line = format!("jitter = \"{}us\"", jitter.div_euclid(1_000) + 1);
+                self.remedies.push(format!(
+                    "Plan with what the host really does: {}, or more; isocat run --preflight tells what makes a real one late.",
+                    place::host(self.report, &line)
+                ));
             }
         }
     }
@@ -352,7 +395,10 @@ impl Case<'_> {
                 self.seen.missed_count
             )),
         }
-        self.remedies.push("See what became of the frames: isocat run --capture run.pcapng has a comment at each such instant.".into());
+        self.remedies.push(format!(
+            "See what became of the frames: isocat run{} --capture run.pcapng has a comment at each such instant.",
+            place::argument(self.report)
+        ));
     }
 
     /// Looks for a clock with an error.
@@ -367,11 +413,11 @@ impl Case<'_> {
             self.causes.push(format!(
                 "Its SYNC0 runs away by {slope:+.2} us each second ({slope:+.2} ppm): its clock is not led by the reference clock."
             ));
-            self.remedies.push(
-                "Send a drift frame each cycle (FRMW of 0x0910 at the reference clock): drift_compensation = true under [host], \
-                 which is the default; without --no-drift-compensation."
-                    .into(),
-            );
+            self.remedies.push(format!(
+                "Send a drift frame each cycle (FRMW of 0x0910 at the reference clock): {}, which is the default; without \
+                 --no-drift-compensation.",
+                place::host(self.report, "drift_compensation = true")
+            ));
         } else {
             self.causes.push(format!(
                 "Its SYNC0 lies off the grid by {} on average, and stays there: its offset (0x0920), its delay (0x0928) or its start \

@@ -15,6 +15,7 @@ pub mod calibrate;
 pub mod catalog;
 pub mod diagnosis;
 pub mod explain;
+pub mod fold;
 #[cfg(target_os = "linux")]
 pub mod live;
 pub mod moment;

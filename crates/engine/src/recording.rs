@@ -15,6 +15,7 @@ use std::collections::VecDeque;
 use cycle::{CycleSeen, Phases};
 use isocat_maindevice::MainDevice;
 use isocat_maindevice::segment::Timing;
+use isocat_segment::Scenario;
 use isocat_sim::bench::{Intent, is_cyclic};
 use isocat_sim::judge::{HostPhase, Sync0Error};
 use isocat_sim::observation::{Observation, Observed};
@@ -146,7 +147,16 @@ const SETTLING: i64 = 8;
 const BEFORE: usize = 28;
 const AFTER: usize = 14;
 
+/// Spans of time that a series of one SubDevice has with so many of them: a page made of them stays below 2 MB.
+pub fn spans(devices: usize) -> usize {
+    (4_000 / devices.max(1)).clamp(40, 400)
+}
+
 impl Recording {
+    /// Follows a run of `scenario`, with as many spans of time as its page has.
+    pub fn of(scenario: &Scenario) -> Self {
+        Self::new(scenario.duration, scenario.sync0_limit, spans(scenario.devices.len()))
+    }
     /// Records a run that is judged for `duration`, with SYNC0 errors up to `limit` taken as
     /// synchronized. Series have up to `spans` spans of time.
     pub fn new(duration: Nanos, limit: Nanos, spans: usize) -> Self {

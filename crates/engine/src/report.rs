@@ -5,6 +5,7 @@
 //! MainDevice measured or counted with its own clock, `plan` was computed before the run.
 
 pub mod age;
+pub mod alike;
 mod build;
 pub mod calibrate;
 mod expected;
@@ -35,10 +36,11 @@ use serde::Serialize;
 pub use services::ServiceNote;
 pub(crate) use text::{BAD, GOOD, QUIET};
 
+use crate::diagnosis::Diagnosis;
 use typed::{KindDocument, StateRead};
 
 /// Version of the document; it changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-run-report/7";
+pub const FORMAT: &str = "isocat-run-report/8";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -72,6 +74,8 @@ pub struct Report {
     pub faults: Vec<FaultNote>,
     /// Why it was not in sync, in the order of time; findings without a time come last.
     pub findings: Vec<Finding>,
+    /// Causes and remedies, those with a cause first; empty in sync, and in a report of a sweep, which records nothing.
+    pub diagnoses: Vec<Diagnosis>,
     /// Departures and returns of SubDevices that may be absent; they do not count against the
     /// segment.
     pub visits: Vec<Finding>,
@@ -244,6 +248,8 @@ pub struct Device {
     pub name: String,
     /// Profile.
     pub profile: String,
+    /// Line of the segment file at which its table begins; with `count` that of several.
+    pub line: usize,
     /// Synchronization mode: free-run, sm, dc-sync0.
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]

@@ -269,10 +269,69 @@ fn a_long_line_stays_a_line() {
     let text = "cycle = \"4ms\"\n[[subdevice]]\ndevice = \"simple_io16\"\ncount = 300\n";
     let scan = Scan::of(&scenario(text), true, &mut |_| {});
     let text = anstream::adapter::strip_str(&report(&scan).text(None)).to_string();
-    assert!(text.contains(" ├─[1>0] 63 "), "{text}");
+    assert!(text.contains("\n  ↓[1>0] 63 "), "{text}");
     assert!(text.contains("… and 236 more; --json lists them all"), "{text}");
     let long = text.lines().find(|line| line.chars().count() > 100);
     assert_eq!(long, None, "a hundred columns");
+}
+
+/// What hangs on what is read from the columns alone, as the legend says it, and compared with what the scan knows.
+#[test]
+fn the_tree_tells_what_hangs_on_what() {
+    // Couplers in a line with devices behind each; and a comb, deeper than it can be drawn.
+    let terminals = "device = \"simple_io16\"\ncount = 3\n";
+    let mut couplers = String::from("cycle = \"4ms\"\n");
+    for (name, connect) in [("a", ""), ("b", "connect = \"a:2\"\n"), ("c", "connect = \"b:2\"\n")] {
+        couplers += &format!(
+            "[[subdevice]]\ndevice = \"model_every_mode\"\nname = \"{name}\"\n{connect}[[subdevice]]\n{terminals}"
+        );
+    }
+    let mut comb = String::from("cycle = \"4ms\"\n");
+    for level in 0..12 {
+        let connect = match level {
+            0 => String::new(),
+            _ => format!("connect = \"fork {}:1\"\n", level - 1),
+        };
+        comb += &format!(
+            "[[subdevice]]\ndevice = \"model_every_mode\"\nname = \"fork {level}\"\n{connect}"
+        );
+    }
+    // Behind each fork, from the deepest to the first, a line at the port that frames visit last.
+    for level in (0..12).rev() {
+        comb += &format!(
+            "[[subdevice]]\ndevice = \"simple_io16\"\nname = \"end {level}\"\nconnect = \"fork {level}:2\"\n"
+        );
+    }
+    for (file, named) in [(couplers, 0), (comb, 1)] {
+        let scan = Scan::of(&scenario(&file), true, &mut |_| {});
+        let report = report(&scan);
+        let text = anstream::adapter::strip_str(&report.text(None)).to_string();
+        assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
+        let tree = text.lines().skip_while(|line| *line != " MainDevice").skip(1);
+        let mut rows: Vec<(usize, usize)> = Vec::new();
+        let mut names = 0;
+        for row in tree.take(report.devices.len()) {
+            let (lead, rest) = row.split_once('[').expect("a place");
+            let (ports, rest) = rest.split_once("] ").expect("it ends");
+            let at: usize = rest.split(' ').next().and_then(|at| at.parse().ok()).expect("a place");
+            let column = lead.chars().count();
+            let above = |wanted: usize| {
+                rows.iter().rev().find(|(column, _)| *column == wanted).map(|(_, at)| *at)
+            };
+            let parent = match ports.split_once(':') {
+                Some((parent, _)) => {
+                    names += 1;
+                    parent.parse().ok()
+                }
+                None if lead.ends_with('↓') => above(column),
+                None => above(column - 3),
+            };
+            assert_eq!(parent, report.devices[at].parent, "{row}\n{text}");
+            rows.push((column, at));
+        }
+        assert_eq!(rows.len(), report.devices.len());
+        assert_eq!(names > 0, named > 0, "{text}");
+    }
 }
 
 fn isocat(arguments: &[&str]) -> Output {

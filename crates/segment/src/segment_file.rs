@@ -217,6 +217,9 @@ pub struct SubDevice {
 }
 
 impl SegmentFile {
+    /// What the built-in segment is called where others have the path of their file.
+    pub const BUILT_IN_NAME: &str = "built-in segment";
+
     /// Reads a segment file; `path` names it in errors, and paths of profile files are relative to
     /// its folder.
     pub fn parse(path: &str, text: &str) -> Result<Self, FileError> {
@@ -295,7 +298,7 @@ impl SegmentFile {
 
     /// The segment of `isocat run` without a file.
     pub fn built_in() -> Self {
-        Self::parse("built-in segment", BUILT_IN)
+        Self::parse(Self::BUILT_IN_NAME, BUILT_IN)
             .unwrap_or_else(|error| panic!("a test reads the built-in segment: {error}"))
     }
 

@@ -255,8 +255,7 @@ impl JudgedSummary {
             writeln!(out, " and {} more; --json lists them all", self.devices.len() - MOST)?;
         }
         let ages = self.devices.iter().map(|device| DataAge {
-            position: device.position,
-            name: &device.name,
+            devices: vec![(device.position, device.name.as_str())],
             outputs: device.outputs_age,
             inputs: device.inputs_age,
         });

@@ -2,12 +2,13 @@
 
 use std::fmt::{self, Write};
 
-use isocat_descriptions::columns::{WIDTH, cut, cut_front, wrap};
+use isocat_descriptions::columns::{WIDTH, cut_front, wrap};
 use isocat_sync::budget::Check;
 use isocat_wire::time::Nanos;
 
 use super::report::{Device, Frame, Line, PlanReport, Term};
-use crate::report::{BAD, GOOD, QUIET};
+use crate::fold::{fold, label};
+use crate::report::{BAD, GOOD, Note, QUIET};
 
 /// Above this number of SubDevices, a table and the tightest lines replace the figures of each.
 const MOST_IN_FULL: usize = 6;
@@ -53,16 +54,7 @@ impl PlanReport {
             what_if.write(out)?;
         }
         self.write_descriptions(out)?;
-        let warnings: Vec<String> = self
-            .warnings
-            .iter()
-            .map(|note| match (note.position, &note.device) {
-                (Some(position), Some(name)) => {
-                    format!("SubDevice {position} ({name}): {}", note.what)
-                }
-                _ => note.what.clone(),
-            })
-            .collect();
+        let warnings = Note::sentences(self.warnings.iter());
         write_list(out, "Warnings", &warnings)?;
         write_list(out, "Assumed", &self.assumptions)
     }
@@ -123,29 +115,55 @@ impl PlanReport {
             "\n {:<3} {:<22} {:<15} {:>10} {:>11} {:>11} {:>13}  line",
             "#", "device", "mode", "delay", "not before", "not after", "least slack"
         )?;
-        for device in self.devices.iter().take(MOST_DEVICES) {
+        let rows = fold(&self.devices, |a, b| self.same(a, b));
+        for row in rows.iter().take(MOST_DEVICES) {
             let phase = |ns: Option<i64>| ns.map_or("-".to_owned(), |ns| Nanos(ns).to_string());
-            let tightest = device.tightest();
+            let tightest =
+                row.iter().filter_map(|device| device.tightest()).min_by_key(|line| line.slack_ns);
+            let names: Vec<_> = row.iter().map(|d| (d.position, d.name.as_str())).collect();
             writeln!(
                 out,
-                " {:<3} {:<20} {:<15} {:>9} {:>10} {:>10} {:>12}  {}",
-                device.position,
-                cut(&device.name, 20),
-                device.mode,
-                Nanos(device.delay_ns).to_string(),
-                phase(device.earliest_phase_ns),
-                phase(device.latest_phase_ns),
+                " {} {:<15} {:>9} {:>10} {:>10} {:>12}  {}",
+                label(&names, 3, 20),
+                row[0].mode,
+                Nanos(row.iter().map(|device| device.delay_ns).max().unwrap_or(0)).to_string(),
+                phase(row.iter().filter_map(|device| device.earliest_phase_ns).max()),
+                phase(row.iter().filter_map(|device| device.latest_phase_ns).min()),
                 phase(tightest.map(|line| line.slack_ns)),
                 tightest.and_then(|line| line.object.as_deref()).unwrap_or("-"),
             )?;
         }
-        if self.devices.len() > MOST_DEVICES {
-            let more = self.devices.len() - MOST_DEVICES;
+        let more = rows.iter().skip(MOST_DEVICES).map(|row| row.len()).sum::<usize>();
+        if more > 0 {
             writeln!(out, " …  and {more} more; --json lists them all")?;
+        }
+        if rows.len() < self.devices.len() {
+            writeln!(
+                out,
+                "  {QUIET}equal devices side by side are one row: the largest delay, the strictest phases, the least slack{QUIET:#}"
+            )?;
         }
         Ok(())
     }
 
+    /// Whether two neighbours are one row: the same kind that does the same, and every demand of both fits or none does.
+    fn same(&self, a: &Device, b: &Device) -> bool {
+        let kind = |device: &Device| {
+            let phases = (device.earliest_phase_ns.is_some(), device.latest_phase_ns.is_some());
+            let pulses = (device.sync0_cycle_ns, device.sync0_phase_ns, device.sync1_ns);
+            (device.mode, device.every, pulses, phases)
+        };
+        let lacking = |device: &Device| {
+            let short = device.lines.iter().filter(|line| line.slack_ns < 0);
+            short.map(|line| line.check).collect::<Vec<_>>()
+        };
+        let leads = |device: &Device| self.segment.reference == Some(device.position);
+        a.profile == b.profile
+            && kind(a) == kind(b)
+            && lacking(a) == lacking(b)
+            && !leads(a)
+            && !leads(b)
+    }
     /// Writes the tightest line of each kind; with a proof also the one that used up most of its
     /// bound.
     fn write_tightest(&self, out: &mut String) -> fmt::Result {

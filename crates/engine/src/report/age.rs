@@ -2,19 +2,16 @@
 
 use std::fmt::{self, Write};
 
-use isocat_descriptions::columns::cut;
-
 use super::Span;
 use super::text::MOST_DEVICES;
+use crate::fold::label;
 
 /// The ages of one SubDevice's process data in true time; `None` if it has none, or if they were
 /// not observed.
 pub struct DataAge<'a> {
-    /// Place in processing order.
-    pub position: usize,
-    /// Name.
-    pub name: &'a str,
-    /// Time from the first bit of the frame at the MainDevice to the outputs' first effect.
+    /// Place in processing order and name: of one SubDevice, or of several that are told as one.
+    pub devices: Vec<(usize, &'a str)>,
+    /// From the first bit of the frame at the MainDevice to the outputs' first effect.
     pub outputs: Option<Span>,
     /// Time from Input Latch to the last bit of the frame at the MainDevice.
     pub inputs: Option<Span>,
@@ -35,10 +32,10 @@ pub fn write(out: &mut String, ages: &[DataAge<'_>], mark: &str) -> fmt::Result 
     )?;
     for age in ages.iter().filter(known).take(MOST_DEVICES) {
         let [outputs, inputs] = [age.outputs, age.inputs].map(figures);
-        let name = cut(age.name, 19);
-        writeln!(out, " {:<2} {name:<19} {outputs}  {inputs}", age.position)?;
+        writeln!(out, " {} {outputs}  {inputs}", label(&age.devices, 2, 19))?;
     }
-    let more = ages.iter().filter(known).count().saturating_sub(MOST_DEVICES);
+    let hidden = ages.iter().filter(known).skip(MOST_DEVICES);
+    let more = hidden.map(|age| age.devices.len()).sum::<usize>();
     if more > 0 {
         writeln!(out, " …  and {more} more; --json lists them all")?;
     }

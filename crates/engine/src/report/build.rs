@@ -35,6 +35,7 @@ impl Report {
             expected: expected::expected(scenario, outcome),
             faults: expected::faults(outcome),
             findings,
+            diagnoses: Vec::new(),
             visits: told(scenario, &outcome.visits),
             services: services::notes(&outcome.world.main().segment().devices),
             cycle_ns: scenario.cycle.0,
@@ -190,6 +191,7 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
         position,
         name: wanted.name.clone(),
         profile: wanted.profile.id.clone(),
+        line: wanted.line,
         mode,
         mode_reason: found.map_or(String::new(), |device| device.mode_reason.clone()),
         cycle_ns: outcome

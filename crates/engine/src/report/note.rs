@@ -1,12 +1,16 @@
 //! Kinds of notes in plans and scans.
 
+use std::collections::HashMap;
 use std::fmt;
 
 use isocat_maindevice::kinds;
 
+use super::Note;
+use crate::fold;
+
 kinds! {
     /// The kind of a note in a plan or a scan.
-    #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+    #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
     pub enum NoteKind {
         /// A part of the SubDevice could not be read.
         NotRead = "not-read",
@@ -107,6 +111,39 @@ kinds! {
         OpmodeSyncOff = "opmode-sync-off",
         /// The first OpMode of the SubDevice switches DC off.
         FirstOpmodeDcOff = "first-opmode-dc-off",
+    }
+}
+
+impl Note {
+    /// All of them as sentences; what is the same of several SubDevices is one, at the place of the first.
+    pub(crate) fn sentences<'a>(notes: impl Iterator<Item = &'a Note>) -> Vec<String> {
+        let mut said: Vec<Vec<&Note>> = Vec::new();
+        let mut known: HashMap<(NoteKind, &str), usize> = HashMap::new();
+        for note in notes {
+            let of_device = note.position.is_some() && !note.kind.names_its_device();
+            match known.get(&(note.kind, note.what.as_str())).filter(|_| of_device) {
+                Some(at) => said[*at].push(note),
+                None => {
+                    if of_device {
+                        known.insert((note.kind, &note.what), said.len());
+                    }
+                    said.push(vec![note]);
+                }
+            }
+        }
+        let sentence = |same: &Vec<&Note>| match same[..] {
+            [one] => one.sentence(),
+            _ => {
+                let places: Vec<usize> = same.iter().filter_map(|note| note.position).collect();
+                let names = same.iter().map(|note| note.device.as_deref().unwrap_or_default());
+                let names = match fold::name(&names.collect::<Vec<_>>()) {
+                    name if name.is_empty() => name,
+                    name => format!(" ({name})"),
+                };
+                format!("SubDevices {}{names}: {}", fold::positions(&places), same[0].what)
+            }
+        };
+        said.iter().map(sentence).collect()
     }
 }
 

@@ -1,19 +1,21 @@
 //! The report for people: a hundred columns, verdict first.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt::{self, Write};
 
 use anstyle::{AnsiColor, Style};
-use isocat_descriptions::columns::{WIDTH, cut, cut_front, wrap};
+use isocat_descriptions::columns::{WIDTH, cut_front, wrap};
 use isocat_descriptions::quantity::{Length, Ppb};
 use isocat_sync::SyncMode;
 use isocat_wire::AlStatusCode;
 use isocat_wire::time::Nanos;
 
 use super::age::{self, DataAge};
+use super::alike::{widest_span, worst_spread};
 use super::expected;
 use super::samples;
 use super::{Counters, Device, DeviceRegisters, Finding, Report, Ring, Span, Spread};
+use crate::fold::{self, label};
 
 /// Largest numbers of findings and of SubDevices that are shown.
 const MOST_FINDINGS: usize = 12;
@@ -46,11 +48,19 @@ impl Report {
         }
         let judged = Nanos(self.judged_ns);
         let (cycle, seed) = (Nanos(self.cycle_ns), self.seed);
-        let run = format!(": cycle {cycle}, judged for {judged} of virtual time, seed {seed}");
+        let judged = match self.judged_ns {
+            0 => "not judged, since operation was not reached".to_owned(),
+            _ => format!("judged for {judged} of virtual time"),
+        };
+        let run = format!(": cycle {cycle}, {judged}, seed {seed}");
         let file = cut_front(&self.segment_file, WIDTH - run.chars().count());
         writeln!(out, "{QUIET}{file}{run}{QUIET:#}")?;
+        self.write_why(out)?;
         expected::write(out, &self.expected, &self.faults)?;
         write_findings(out, &self.findings)?;
+        if self.diagnoses.is_empty() {
+            write_where_to_read(out, &self.findings)?;
+        }
         if self.segment.plan.is_some() {
             self.write_devices(out)?;
             self.write_ages(out)?;
@@ -74,15 +84,17 @@ impl Report {
             " {:<2} {:<19} {:<8} {:>7}  {:<10} {:>6} {:>6} {:>6} {:>12}  {}",
             "#", "device", "mode", "cycle", "state [r]", "mean", "sd", "worst", "worst", SUBS
         )?;
-        for device in self.devices.iter().take(MOST_DEVICES) {
-            let sync0 = device.true_time.sync0_error;
+        let rows = self.alike();
+        for row in rows.iter().take(MOST_DEVICES) {
+            let device = &row[0];
+            let sync0 = worst_spread(row.iter().map(|device| device.true_time.sync0_error));
             let figure = |pick: fn(&Spread) -> f64| sync0.as_ref().map(pick);
-            let margin = device.true_time.sync0_margin.map(|margin| margin.min_ns);
+            let margins = row.iter().filter_map(|device| device.true_time.sync0_margin);
+            let margin = margins.map(|margin| margin.min_ns).reduce(f64::min);
             writeln!(
                 out,
-                " {:<2} {:<19} {:<8} {:>7}  {:<10} {:>6} {:>6} {:>6} {:>12}  {}",
-                device.position,
-                cut(&device.name, 19),
+                " {} {:<8} {:>7}  {:<10} {:>6} {:>6} {:>6} {:>12}  {}",
+                label(&names(row), 2, 19),
                 device.mode,
                 device.cycle_ns.map_or("-".into(), |ns| Nanos(ns).to_string()),
                 device.registers.al_status,
@@ -93,18 +105,24 @@ impl Report {
                 counters(&device.registers.output_counters, &device.registers.input_counters),
             )?;
         }
-        if self.devices.len() > MOST_DEVICES {
-            let more = self.devices.len() - MOST_DEVICES;
+        let more = rows.iter().skip(MOST_DEVICES).map(|row| row.len()).sum::<usize>();
+        if more > 0 {
             writeln!(out, " …  and {more} more; --json lists them all")?;
+        }
+        if rows.len() < self.devices.len() {
+            writeln!(
+                out,
+                "  {QUIET}equal devices side by side are one row, with the worst of their figures; --json has each{QUIET:#}"
+            )?;
         }
         Ok(())
     }
 
     fn write_ages(&self, out: &mut String) -> fmt::Result {
-        let of = |device: &Device| (device.true_time.outputs_age, device.true_time.inputs_age);
-        let ages = self.devices.iter().map(|device| {
-            let (outputs, inputs) = of(device);
-            DataAge { position: device.position, name: &device.name, outputs, inputs }
+        let ages = self.alike().into_iter().map(|row| DataAge {
+            devices: names(row),
+            outputs: widest_span(row.iter().map(|device| device.true_time.outputs_age)),
+            inputs: widest_span(row.iter().map(|device| device.true_time.inputs_age)),
         });
         age::write(out, &ages.collect::<Vec<_>>(), " [t]")
     }
@@ -181,16 +199,17 @@ impl Report {
     fn write_notes(&self, out: &mut String) -> fmt::Result {
         let mut notes = Vec::new();
         let short = |device: &&Device| device.plan.iter().any(|line| line.slack_ns < 0);
-        for device in self.devices.iter().filter(short).take(MOST_DEVICES) {
+        let lacking = self.devices.iter().filter(short).map(|device| {
             let line = device.plan.iter().min_by_key(|line| line.slack_ns).expect("one is short");
-            notes.push(format!(
-                "SubDevice {}: the plan does not fit, and was run all the same: {}: {}: slack {}",
-                device.position,
+            let what = format!(
+                "the plan does not fit, and was run all the same: {}: {}: slack {}",
                 line.object,
                 line.demand,
                 Nanos(line.slack_ns)
-            ));
-        }
+            );
+            (device.position, what)
+        });
+        notes.extend(said_of_several(lacking).into_iter().take(MOST_DEVICES));
         notes.extend(self.visits.iter().take(MOST_FINDINGS).map(Finding::sentence));
         notes.extend(self.services.iter().take(MOST_FINDINGS).map(|note| note.what.clone()));
         if let Some(reference) = self.segment.main_device.reference {
@@ -199,27 +218,7 @@ impl Report {
                  where its 10 ns ticks do"
             ));
         }
-        for device in self.devices.iter().take(MOST_DEVICES) {
-            if !device.mode_reason.is_empty() {
-                notes.push(format!("SubDevice {}: {}", device.position, device.mode_reason));
-            }
-            if !device.application.is_empty() {
-                notes.push(format!("SubDevice {}: {}", device.position, device.application));
-            }
-            notes.extend(device.registers.unknown_delay(device.position));
-            let measured = device.registers.measured_times;
-            notes.extend(measured.map(|times| times.note(device.position)));
-        }
-        for device in self.devices.iter().take(MOST_DEVICES) {
-            let doubts = device.assumptions.iter().filter_map(|assumed| assumed.doubt);
-            let doubts: Vec<_> = doubts.collect();
-            if !doubts.is_empty() {
-                let (position, doubts) = (device.position, doubts.join(", "));
-                notes.push(format!(
-                    "SubDevice {position}: to know about its description: {doubts}; --json has the words"
-                ));
-            }
-        }
+        notes.extend(self.notes_of_devices());
         notes.extend(self.drawn_clocks());
         let assumed = self.devices.iter().flat_map(|device| &device.assumptions);
         let assumed = assumed.filter(|assumed| assumed.doubt.is_none()).count();
@@ -240,6 +239,35 @@ impl Report {
 }
 
 impl Report {
+    /// What is to be said of single SubDevices; what is the same of several is said once.
+    fn notes_of_devices(&self) -> Vec<String> {
+        let of = |device: &Device| {
+            let mut said = Vec::new();
+            if !device.mode_reason.is_empty() {
+                said.push((device.position, device.mode_reason.clone()));
+            }
+            // Devices that did not come into operation did nothing with their process data.
+            if !device.application.is_empty() && self.judged_ns > 0 {
+                said.push((device.position, device.application.clone()));
+            }
+            said
+        };
+        let mut notes = said_of_several(self.devices.iter().flat_map(of));
+        notes.truncate(MOST_DEVICES);
+        for device in self.devices.iter().take(MOST_DEVICES) {
+            notes.extend(device.registers.unknown_delay(device.position));
+            let measured = device.registers.measured_times;
+            notes.extend(measured.map(|times| times.note(device.position)));
+        }
+        let doubts = self.devices.iter().filter_map(|device| {
+            let doubts = device.assumptions.iter().filter_map(|assumed| assumed.doubt);
+            let doubts = doubts.collect::<Vec<_>>().join(", ");
+            let what = format!("to know about its description: {doubts}; --json has the words");
+            (!doubts.is_empty()).then_some((device.position, what))
+        });
+        notes.extend(said_of_several(doubts).into_iter().take(MOST_DEVICES));
+        notes
+    }
     /// The notes on clocks without a value in the segment file, one for each tolerance.
     pub fn drawn_clocks(&self) -> Vec<String> {
         let drawn = self.devices.iter().filter_map(|device| {
@@ -266,6 +294,30 @@ impl Report {
     }
 }
 
+/// Positions and names of SubDevices that are told as one.
+fn names(row: &[Device]) -> Vec<(usize, &str)> {
+    row.iter().map(|device| (device.position, device.name.as_str())).collect()
+}
+
+/// `SubDevice 2: …`, and `SubDevices 3 to 14: …` where the same is said of several, in the order in which each is said first.
+fn said_of_several(all: impl Iterator<Item = (usize, String)>) -> Vec<String> {
+    let mut said: Vec<(Vec<usize>, String)> = Vec::new();
+    let mut known: HashMap<String, usize> = HashMap::new();
+    for (position, what) in all {
+        match known.get(&what) {
+            Some(at) => said[*at].0.push(position),
+            None => {
+                known.insert(what.clone(), said.len());
+                said.push((vec![position], what));
+            }
+        }
+    }
+    let sentence = |(positions, what): &(Vec<usize>, String)| {
+        let several = if positions.len() > 1 { "s" } else { "" };
+        format!("SubDevice{several} {}: {what}", fold::positions(positions))
+    };
+    said.iter().map(sentence).collect()
+}
 /// Writes the findings, if the verdict does not state them all.
 pub(super) fn write_findings(out: &mut String, findings: &[Finding]) -> fmt::Result {
     if findings.len() > 1 {
@@ -280,11 +332,11 @@ pub(super) fn write_findings(out: &mut String, findings: &[Finding]) -> fmt::Res
         let more = findings.len() - MOST_FINDINGS;
         writeln!(out, "  - and {more} more; --json lists them all")?;
     }
-    write_where_to_read(out, findings)
+    Ok(())
 }
 
-/// Writes where to read about the AL status codes of the findings.
-fn write_where_to_read(out: &mut String, findings: &[Finding]) -> fmt::Result {
+/// Where to read what the AL status codes among the findings mean, where no diagnosis has told it.
+pub(super) fn write_where_to_read(out: &mut String, findings: &[Finding]) -> fmt::Result {
     let mut codes: Vec<AlStatusCode> = Vec::new();
     for code in findings.iter().filter_map(|finding| finding.kind.al_status_code()) {
         if code != AlStatusCode::NO_ERROR && !codes.contains(&code) {

@@ -9,10 +9,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use isocat_descriptions::document::FileError;
 use isocat_descriptions::quantity;
 use isocat_engine::Report;
-use isocat_engine::recording::Recording;
+use isocat_engine::diagnosis;
+use isocat_engine::recording::{Recorded, Recording};
 use isocat_engine::report::Finding;
 use isocat_esc::DriftLaw;
-use isocat_maindevice::Fault;
+use isocat_maindevice::{Fault, Segment};
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_sim::Outcome;
 use isocat_sim::run::Progress;
@@ -180,10 +181,7 @@ pub fn run(arguments: &Arguments) -> u8 {
         Err(message) => return fail(&message),
     };
     let bar = progress_bar(scenario.duration);
-    files.recording = arguments.wants_page().then(|| {
-        let spans = html::run::spans(scenario.devices.len());
-        Recording::new(scenario.duration, scenario.sync0_limit, spans)
-    });
+    files.recording = arguments.wants_page().then(|| Recording::of(&scenario));
     let outcome = scenario.run().execute(Some(files), &mut |progress| match progress {
         Progress::Stage(stage) => bar.set_message(stage.name()),
         Progress::Judged(time) => {
@@ -194,7 +192,7 @@ pub fn run(arguments: &Arguments) -> u8 {
     bar.finish_and_clear();
     let report = Report::new(&scenario, &outcome);
     let refused = outcome.failure.as_ref().is_some_and(|e| e.cause.fault() == Fault::Configuration);
-    finish(arguments, &scenario, &report, outcome, refused)
+    finish(arguments, &scenario, report, outcome, refused)
 }
 
 /// Plays an ENI, unless options are given that only apply to a segment file.
@@ -263,20 +261,29 @@ fn exit_code(report: &Report, refused: bool) -> u8 {
 fn finish(
     arguments: &Arguments,
     scenario: &Scenario,
-    report: &Report,
+    mut report: Report,
     outcome: Outcome<Files>,
     refused: bool,
 ) -> u8 {
     let found = outcome.world.main().segment().clone();
     let files = outcome.world.into_tap().expect("it was given one");
-    let recording = match files.finish() {
-        Ok(recording) => recording,
+    let recorded = match files.finish() {
+        Ok(recording) => recording.map(Recording::finish),
         Err(message) => return fail(&message),
     };
-    let page = recording.map(|recording| {
+    let limit = scenario.sync0_limit;
+    match &recorded {
+        Some(recorded) => report.explain(recorded, &found, limit),
+        // A run in sync shall not pay for a recorder, so another one is recorded where it has to be told why.
+        None if !report.in_sync && !refused => {
+            let (recorded, found) = record_again(scenario);
+            report.explain(&recorded, &found, limit);
+        }
+        None => {}
+    }
+    let report = &report;
+    let page = recorded.map(|recorded| {
         let command = arguments.command(scenario);
-        let recorded = recording.finish();
-        let limit = scenario.sync0_limit;
         html::run::Run { report, recorded: &recorded, segment: &found, limit, command: &command }
             .page()
     });
@@ -297,6 +304,19 @@ fn finish(
         IN_SYNC => exit_code(report, refused),
         unwritten => unwritten,
     }
+}
+
+/// Repeats the run with a recorder.
+fn record_again(scenario: &Scenario) -> (Recorded, Segment) {
+    let bar = progress_bar(scenario.duration);
+    bar.set_message("looking why");
+    let recorded = diagnosis::record(scenario, &mut |progress| {
+        if let Progress::Judged(time) = progress {
+            bar.set_position(time.0 as u64);
+        }
+    });
+    bar.finish_and_clear();
+    recorded
 }
 
 /// A report as one JSON document.

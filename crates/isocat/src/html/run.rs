@@ -3,6 +3,7 @@
 use isocat_descriptions::quantity::time;
 use isocat_engine::Report;
 use isocat_engine::diagnosis::{Diagnosis, diagnose};
+pub use isocat_engine::recording::spans;
 use isocat_engine::recording::{Recorded, RecordedDevice};
 use isocat_engine::report::{Device, Span};
 use isocat_maindevice::Segment;
@@ -40,13 +41,7 @@ pub struct Run<'a> {
     pub command: &'a str,
 }
 
-/// Number of spans in a series of one SubDevice on a page with this many of them: a page stays
-/// below 2 MB.
-pub fn spans(devices: usize) -> usize {
-    (4_000 / devices.max(1)).clamp(40, 400)
-}
-
-/// The verdict of the page.
+/// What the page says first.
 fn verdict(report: &Report) -> String {
     let met = report.expected.iter().filter(|one| one.met).count();
     match report.expected.len() {

@@ -9,7 +9,7 @@ use isocat_wire::time::Nanos;
 use super::{Harm, InterfaceReport, Machine, Series};
 use crate::report::text::{
     BAD, GOOD, MOST_DEVICES, QUIET, SOURCE, SUBS, UNKNOWN, counters, range, write_findings,
-    write_notes,
+    write_notes, write_where_to_read,
 };
 use crate::report::words::seconds;
 use crate::verdict::Answer;
@@ -39,6 +39,7 @@ impl InterfaceReport {
         let segment = cut_front(segment, WIDTH - run.chars().count());
         writeln!(out, "{QUIET}{segment}{run}{QUIET:#}")?;
         write_findings(out, &self.findings)?;
+        write_where_to_read(out, &self.findings)?;
         self.write_unknown(out)?;
         if self.plan.is_some() {
             self.write_devices(out)?;

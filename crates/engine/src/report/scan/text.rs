@@ -7,6 +7,7 @@ use std::fmt::{self, Write};
 use isocat_descriptions::columns::{WIDTH, cut, cut_front, wrap};
 
 use super::{Delay, Device, Note, ScanReport};
+use crate::fold::{fold, range};
 use crate::report::{BAD, GOOD, QUIET};
 
 /// Above this number of SubDevices, the details of each are shown only on request.
@@ -16,8 +17,8 @@ const MOST_ROWS: usize = 64;
 const MOST_NOTES: usize = 16;
 /// Columns for tree and name.
 const TREE: usize = 46;
-/// Largest indentation of branches.
-const DEEPEST: usize = 8;
+/// Columns by which a branch is indented at most: what branches off a deeper one stands in the same column.
+const DEEPEST: usize = 21;
 
 impl ScanReport {
     /// The report as text, with ANSI styles; print it through a stream that strips them if needed.
@@ -64,20 +65,21 @@ impl ScanReport {
         for (title, notes, in_verdict) in parts {
             let of = |note: &&Note| only.is_none_or(|only| note.position == Some(only));
             let notes: Vec<&Note> = notes.iter().filter(of).collect();
+            let sentences = Note::sentences(notes.iter().copied());
             // The verdict has told a single fault.
             let told = in_verdict && only.is_none() && notes.len() == 1;
             if notes.is_empty() || told {
                 continue;
             }
             writeln!(out, "\n{title}")?;
-            let shown = if only.is_some() { notes.len() } else { MOST_NOTES };
-            for note in notes.iter().take(shown) {
-                for (i, line) in wrap(&note.sentence(), WIDTH - 4).iter().enumerate() {
+            let shown = if only.is_some() { sentences.len() } else { MOST_NOTES };
+            for sentence in sentences.iter().take(shown) {
+                for (i, line) in wrap(sentence, WIDTH - 4).iter().enumerate() {
                     writeln!(out, " {} {line}", if i == 0 { "-" } else { " " })?;
                 }
             }
-            if notes.len() > shown {
-                writeln!(out, " - and {} more; --json lists them all", notes.len() - shown)?;
+            if sentences.len() > shown {
+                writeln!(out, " - and {} more; --json lists them all", sentences.len() - shown)?;
             }
         }
         Ok(())
@@ -92,7 +94,7 @@ impl ScanReport {
         writeln!(out, " MainDevice")?;
         let mut rows = Vec::new();
         match self.devices.iter().position(|device| device.parent.is_none()) {
-            Some(first) if self.tree_known => self.branch(first, &mut Vec::new(), &mut rows),
+            Some(first) if self.tree_known => self.line(first, "", false, &mut rows),
             _ => rows.extend((0..self.devices.len()).map(|at| ("? ".to_owned(), at))),
         }
         for (lead, at) in rows.iter().take(MOST_ROWS) {
@@ -119,8 +121,9 @@ impl ScanReport {
         }
         let legend = match self.tree_known {
             true => {
-                "[1>0]: from port 1 of the SubDevice above into port 0. Delays from the \
-                    reference clock, \u{b1} with a \
+                "\u{2193} hangs on the nearest SubDevice above in its own column, so a line stays flat; \u{251c}\u{2500} and \
+                 \u{2514}\u{2500} hang on the nearest above in the next column to the left. [1>0]: from port 1 of that SubDevice \
+                 into port 0. Delays from the reference clock, \u{b1} with a \
                  confidence of 95 %, from above with the branches that frames visit before. ppm: speed of the clock \
                  when nobody leads it, against the reference clock, by two latches of 0x0900"
             }
@@ -132,28 +135,39 @@ impl ScanReport {
         Ok(())
     }
 
-    /// The rows of a SubDevice and all behind it. The last branch continues in the same column, so
-    /// that a line stays a line; the others are indented.
-    fn branch(&self, first: usize, columns: &mut Vec<bool>, rows: &mut Vec<(String, usize)>) {
+    /// The rows of a SubDevice and all behind it. The last that hangs on a SubDevice goes on in the same column, so that a long line
+    /// stays within the columns; the others are branches, indented. `lead` stands before these rows; with `more` another branch of the
+    /// same SubDevice comes behind this one.
+    fn line(&self, first: usize, lead: &str, more: bool, rows: &mut Vec<(String, usize)>) {
         let mut at = Some(first);
         while let Some(here) = at {
             let device = &self.devices[here];
-            let mut below = self.below(device);
-            at = below.pop();
-            let indent: String = columns
-                .iter()
-                .take(DEEPEST)
-                .map(|more| if *more { "│  " } else { "   " })
-                .collect();
-            let deeper = if columns.len() > DEEPEST { "…" } else { "" };
-            let knee = if at.is_some() { '├' } else { '└' };
+            let sign = match (here == first, more) {
+                (true, true) => "├─",
+                (true, false) => "└─",
+                (false, true) => "│↓",
+                (false, false) => " ↓",
+            };
             let above = device.parent_port.map_or(String::new(), |port| port.to_string());
             let entry = device.ports.iter().find(|port| port.entry).map_or(0, |port| port.port);
-            rows.push((format!("{indent}{deeper}{knee}─[{above}>{entry}] "), here));
-            for branch in below {
-                columns.push(at.is_some());
-                self.branch(branch, columns, rows);
-                columns.pop();
+            // Where columns do not tell any more, the SubDevice above is named.
+            let named = match device.parent.filter(|_| lead.chars().count() >= DEEPEST) {
+                Some(parent) => format!("{parent}:"),
+                None => String::new(),
+            };
+            rows.push((format!("{lead}{sign}[{named}{above}>{entry}] "), here));
+            let mut branches = self.below(device);
+            at = branches.pop();
+            let deeper = match lead.chars().count() < DEEPEST {
+                true => {
+                    let goes_on = |goes_on: bool| if goes_on { '│' } else { ' ' };
+                    format!("{lead}{}{} ", goes_on(more), goes_on(at.is_some()))
+                }
+                false => lead.to_owned(),
+            };
+            let last = branches.len().saturating_sub(1);
+            for (number, branch) in branches.into_iter().enumerate() {
+                self.line(branch, &deeper, number < last, rows);
             }
         }
     }
@@ -172,18 +186,22 @@ impl ScanReport {
             "\n {:<3} {:<7} {:<32} {:<8} {:<9} {:<13} {:<6} state",
             "#", "address", "vendor:product revision", "alias", "ESC", "FMMU/SM/RAM", "DC"
         )?;
-        for device in self.devices.iter().take(MOST_ROWS) {
+        let rows = fold(&self.devices, same_kind);
+        for row in rows.iter().take(MOST_ROWS) {
+            let device = &row[0];
             let esc = &device.esc;
             let resources = format!("{}/{}/{} KiB", esc.fmmus, esc.sync_managers, esc.ram_kib);
             let identity = format!(
                 "{:#010x}:{:#010x} {:#010x}",
                 device.vendor_id, device.product_code, device.revision
             );
+            let place = match row.len() {
+                1 => format!("{:<3} {:#06x}", device.position, device.station_address),
+                _ => range(device.position, row[row.len() - 1].position),
+            };
             writeln!(
                 out,
-                " {:<3} {:#06x}  {identity:<32} {:<8} {:<9} {resources:<13} {:<6} {}",
-                device.position,
-                device.station_address,
+                " {place:<11} {identity:<32} {:<8} {:<9} {resources:<13} {:<6} {}",
                 device.alias.map_or("-".to_owned(), |alias| alias.to_string()),
                 cut(&esc.kind_name, 9),
                 match esc.dc.as_str() {
@@ -193,11 +211,29 @@ impl ScanReport {
                 device.state.al_status,
             )?;
         }
-        if self.devices.len() > MOST_ROWS {
-            writeln!(out, " …")?;
+        let more = rows.iter().skip(MOST_ROWS).map(|row| row.len()).sum::<usize>();
+        if more > 0 {
+            writeln!(out, " … and {more} more; --json lists them all")?;
+        }
+        if rows.len() < self.devices.len() {
+            writeln!(
+                out,
+                "  {QUIET}equal devices side by side are one row; --json has each{QUIET:#}"
+            )?;
         }
         Ok(())
     }
+}
+
+/// Whether two neighbours are the same in all that the table shows but their addresses.
+fn same_kind(a: &Device, b: &Device) -> bool {
+    let identity =
+        |device: &Device| (device.vendor_id, device.product_code, device.revision, device.alias);
+    identity(a) == identity(b)
+        && a.esc == b.esc
+        && a.state == b.state
+        && a.station_address.wrapping_sub(b.station_address)
+            == (a.position as u16).wrapping_sub(b.position as u16)
 }
 
 fn short_delay(delay: &Delay) -> String {

@@ -1,14 +1,12 @@
 //! Why a SubDevice is not in sync and what to do about it: from the results of a run, compared with
 //! the plan.
 //!
-//! Each cause is told with the figures that show it. What is not shown by figures is not told: then the meaning of the AL status
-//! code is all there is. A remedy that is a line of the segment file says where the line goes.
+//! Each cause is stated with the figures that show it. A cause that no figure shows is not stated:
+//! then only the meaning of the AL status code is given. A remedy that is a line of the segment file
+//! says where the line goes.
 
 mod place;
 mod text;
-//! Each cause is stated with the figures that show it. A cause that no figure shows is not stated:
-//! then only the meaning of the AL status code is given.
-
 use isocat_descriptions::quantity::time;
 use isocat_maindevice::Segment;
 use isocat_maindevice::segment::Timing;

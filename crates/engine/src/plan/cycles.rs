@@ -1,9 +1,8 @@
 //! The plan of one segment at several bus cycles, side by side.
 
 use std::fmt::{self, Write};
-use std::ops::RangeInclusive;
 
-use isocat_descriptions::columns::{WIDTH, cut, wrap};
+use isocat_descriptions::columns::{WIDTH, wrap};
 use isocat_descriptions::document::FileError;
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_sync::SyncMode;
@@ -12,6 +11,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::{Plan, report};
+use crate::fold::{fold, label, positions};
 use crate::report::{BAD, GOOD, QUIET, typed};
 use crate::sweep;
 
@@ -147,10 +147,9 @@ impl AtCycle {
     }
 }
 
-/// SubDevices one behind the other that differ in nothing but their position and the number in
-/// their name.
+/// A SubDevice with its cell at each cycle.
 struct Row<'a> {
-    positions: RangeInclusive<usize>,
+    position: usize,
     name: &'a str,
     cells: Vec<String>,
 }
@@ -182,19 +181,18 @@ impl Cycles {
             }
         }
         let rows = self.rows();
+        let stretches = fold(&rows, |a, b| a.cells == b.cells);
         for block in (0..self.plans.len()).collect::<Vec<_>>().chunks(COLUMNS) {
             write!(out, "\n {:<9} {:<22}", "#", "device")?;
             for at in block {
                 write!(out, " {:<21}", Nanos(self.plans[*at].cycle_ns).to_string())?;
             }
             writeln!(out)?;
-            for row in &rows {
-                let (first, last) = (row.positions.start(), row.positions.end());
-                let place =
-                    if first == last { first.to_string() } else { format!("{first} to {last}") };
-                write!(out, " {place:<9} {:<22}", cut(row.name, 22))?;
+            for stretch in &stretches {
+                let names: Vec<_> = stretch.iter().map(|row| (row.position, row.name)).collect();
+                write!(out, " {}", label(&names, 9, 22))?;
                 for at in block {
-                    write!(out, " {:<21}", row.cells[*at])?;
+                    write!(out, " {:<21}", stretch[0].cells[*at])?;
                 }
                 trim_end(out);
                 writeln!(out)?;
@@ -220,10 +218,9 @@ impl Cycles {
         if !reasons.is_empty() {
             writeln!(out, "\nWhy not a higher mode")?;
         }
-        for (reason, positions) in reasons {
-            let all: Vec<String> = positions.iter().map(usize::to_string).collect();
+        for (reason, all) in reasons {
             let plural = if all.len() > 1 { "s" } else { "" };
-            let text = format!("SubDevice{plural} {}, {reason}", all.join(", "));
+            let text = format!("SubDevice{plural} {}, {reason}", positions(&all));
             for (i, line) in wrap(&text, WIDTH - 3).into_iter().enumerate() {
                 writeln!(out, "{}{line}", if i == 0 { " " } else { "   " })?;
             }
@@ -239,12 +236,7 @@ impl Cycles {
             let cells: Vec<String> = self.plans.iter().map(at).collect();
             let of = self.plans.iter().find_map(|plan| plan.device(position));
             let name = of.map_or("", |device| device.name.as_str());
-            match rows.last_mut() {
-                Some(last) if last.cells == cells && stem(last.name) == stem(name) => {
-                    last.positions = *last.positions.start()..=position;
-                }
-                _ => rows.push(Row { positions: position..=position, name, cells }),
-            }
+            rows.push(Row { position, name, cells });
         }
         rows
     }
@@ -252,11 +244,6 @@ impl Cycles {
 
 /// Cycles beside each other in a hundred columns.
 const COLUMNS: usize = 3;
-
-/// A name without the number at its end.
-fn stem(name: &str) -> &str {
-    name.trim_end_matches(|c: char| c.is_ascii_digit())
-}
 
 fn cell(device: &DeviceAt) -> String {
     let slack = device.least_slack_ns.map_or("-".to_owned(), |ns| Nanos(ns).to_string());

@@ -338,3 +338,32 @@ fn nothing_searches_our_own_words() {
     }
     assert!(found.is_empty(), "go by the type, not by its words:\n{}", found.join("\n"));
 }
+
+/// Comments are as wide as the code, which rustfmt does not see to. Rows of tables, addresses and blocks of code can't be broken.
+#[test]
+fn comments_keep_to_a_hundred_columns() {
+    let mut too_wide = Vec::new();
+    for folder in ["crates", "firmware", "fuzz", "playground", "tests", "docs/examples"] {
+        for (path, text) in sources(folder) {
+            if path.components().any(|part| part.as_os_str() == "target") {
+                continue;
+            }
+            let mut in_code = false;
+            for (number, line) in text.lines().enumerate() {
+                let line = line.trim_end();
+                let Some(comment) = line.trim_start().strip_prefix("//") else {
+                    in_code = false;
+                    continue;
+                };
+                let words = comment.trim_start_matches(['/', '!']).trim_start();
+                in_code ^= words.starts_with("```");
+                let whole = in_code || words.starts_with('|') || words.contains("://");
+                let columns = line.chars().count();
+                if columns > 100 && !whole {
+                    too_wide.push(format!("{}:{}: {columns}", path.display(), number + 1));
+                }
+            }
+        }
+    }
+    assert!(too_wide.is_empty(), "comments beyond 100 columns:\n{}", too_wide.join("\n"));
+}

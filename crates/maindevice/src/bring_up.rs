@@ -10,8 +10,6 @@ use alloc::boxed::Box;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::convert::Infallible;
-use core::future::Future;
-use core::task::Poll;
 
 use isocat_sync::phase::Direction;
 use isocat_sync::phase::drive::Limits;
@@ -30,7 +28,7 @@ use crate::left_out::{self, Failures, each, leave_out};
 use crate::link::{Link, Procedure, join};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{Segment, SubDevice};
-use crate::{clock, delay, esm, mapping, mode, objects, ring, scan, sii, soe, sync, timing};
+use crate::{clock, esm, mapping, mode, objects, ring, scan, sii, soe, sync, timing};
 
 /// What a piece of the bring-up works on. It is returned on success and on failure.
 pub(crate) struct Work {
@@ -101,25 +99,15 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     work.mailboxes = work.segment.devices.iter().map(mailbox).collect();
 
     work.enter(Stage::Objects);
-    // Those that were left out pass frames on, and their clocks count with the others.
-    let is_there = |device: &SubDevice| device.admitted || device.left_out.is_some();
-    // What latches tell takes many of them, with pauses: time that the mailboxes need anyway.
-    let there = Present::among(&work.segment, is_there).0;
-    let latches = async {
-        if there.reference.is_none() || delay::stations(&there).are_quiet() {
-            return None;
-        }
-        Some(clock::measure(link, config, there).await)
-    };
-    let objects = each_with_mailbox(work, |device, mailbox| {
+    let failures = each_with_mailbox(work, |device, mailbox| {
         Box::pin(async move {
             let wish = config.devices.get(device.position);
             read_objects(mailbox, device, wish).await?;
             mapping::place_process_data(device)
         })
-    });
-    let (failures, latches) = beside(objects, latches).await;
-    leave_out(work, failures?).await;
+    })
+    .await?;
+    leave_out(work, failures).await;
 
     let is_known = |device: &SubDevice| {
         let wish = config.devices.get(device.position);
@@ -143,8 +131,10 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     leave_out(work, failures).await;
 
     work.enter(Stage::Clock);
+    // Those that were left out pass frames on, and their clocks count with the others.
+    let is_there = |device: &SubDevice| device.admitted || device.left_out.is_some();
     let mut present = Present::among(&work.segment, is_there);
-    let clocks = clock::synchronize(link, config, &mut present.0, latches.transpose()?).await;
+    let clocks = clock::synchronize(link, config, &mut present.0).await;
     present.give_back(&mut work.segment);
     clocks?;
 
@@ -153,35 +143,6 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     Ok(())
 }
 
-/// Two things side by side, until both are done or the first has failed.
-async fn beside<A, B>(
-    one: impl Future<Output = Result<A, Cause>>,
-    other: impl Future<Output = Option<Result<B, Cause>>>,
-) -> (Result<A, Cause>, Option<Result<B, Cause>>) {
-    let (mut one, mut other) = (core::pin::pin!(one), core::pin::pin!(other));
-    let (mut first, mut second) = (None, None);
-    core::future::poll_fn(move |context| {
-        if first.is_none()
-            && let Poll::Ready(done) = one.as_mut().poll(context)
-        {
-            first = Some(done);
-        }
-        if second.is_none()
-            && let Poll::Ready(done) = other.as_mut().poll(context)
-        {
-            second = Some(done);
-        }
-        match (first.take(), second.take()) {
-            (Some(Err(error)), done) => Poll::Ready((Err(error), done.flatten())),
-            (Some(done), Some(also)) => Poll::Ready((done, also)),
-            (done, also) => {
-                (first, second) = (done, also);
-                Poll::Pending
-            }
-        }
-    })
-    .await
-}
 /// Longest cycle in which a reference clock is controlled. Clocks 200 ppm apart stay within 0.3 us
 /// at 2 ms, but differ by 1 us at 4 ms.
 const LONGEST_LED_CYCLE: Nanos = Nanos(2_000_000);

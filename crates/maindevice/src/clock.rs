@@ -22,8 +22,6 @@ mod converge;
 mod drift_frames;
 mod join;
 mod latches;
-mod lines;
-mod pace;
 mod polarity;
 mod settings;
 mod shift;
@@ -32,9 +30,9 @@ use converge::converge;
 pub(crate) use converge::follow;
 pub(crate) use drift_frames::{limits, noise};
 pub(crate) use join::{Joining, join};
-pub(crate) use latches::{Latches, measure};
+use latches::measure_delays;
 pub(crate) use settings::depths;
-use settings::{USUAL_SPEED_COUNTER_START, locking_depth, write};
+use settings::{SPEED_COUNTER_START, write};
 pub(crate) use shift::shift;
 
 /// Measures and sets delays and offsets, then drives the drift loop. Does nothing without a clock.
@@ -42,25 +40,14 @@ pub(crate) async fn synchronize(
     link: &Link,
     config: &Config,
     segment: &mut Segment,
-    latches: Option<Latches>,
 ) -> Result<(), Cause> {
     let Some(reference) = segment.reference else { return Ok(()) };
-    let mut latches = match latches {
-        Some(latches) => latches,
-        None => measure(link, config, segment.clone()).await?,
-    };
-    latches.apply(link, segment);
-    latches.refresh(link).await;
-    let (lines, (sent, latched)) = (&latches.lines, latches.last);
-    // How long writing takes: clocks run apart meanwhile.
-    let mut writing = Nanos::ZERO;
+    let last = measure_delays(link, config, segment, reference).await?;
+    set_offsets(segment, reference, &last);
     if config.drift_compensation {
-        set_offsets(segment, reference, &lines.at(latched));
-        writing = polarity::learn(link, config, segment, reference).await?;
+        polarity::learn(link, config, segment, reference).await?;
     }
-    let by_then = link.now() + writing - sent;
-    set_offsets(segment, reference, &lines.at(latched + by_then.0));
-    write(link, config, segment, Nanos::ZERO, locking_depth(config)).await?;
+    write(link, config, segment, Nanos::ZERO).await?;
     if config.drift_compensation {
         converge(link, config, segment, reference).await?;
     }
@@ -75,7 +62,7 @@ pub(crate) async fn measure_speeds(
     segment: &mut Segment,
 ) -> Result<(), AccessError> {
     let Some(reference) = segment.reference else { return Ok(()) };
-    let start = USUAL_SPEED_COUNTER_START.to_bytes();
+    let start = SPEED_COUNTER_START.to_bytes();
     link.bwr(register::SPEED_COUNTER_START.address, &start).reply().await?;
     let stations = delay::stations(segment);
     let mut tries = 0;
@@ -117,14 +104,11 @@ pub(crate) async fn measure_speeds(
 /// Offsets that give every clock the reference's own time. A frame that entered the reference at
 /// its local time `r` enters a SubDevice `delay` later, at the local time `l` there: its system
 /// time is then `r + delay`, so its offset is `r + delay - l`. All wraps as the registers do.
-///
-/// `entries` are the local times of one frame: that of the first drift frame, so that a loop begins without a
-/// difference. It would take that for drift, as far as it comes by the filter of 0x0934.
-fn set_offsets(segment: &mut Segment, reference: usize, entries: &[u64]) {
-    let time = entries[reference];
-    for (device, entry) in segment.devices.iter_mut().zip(entries) {
+fn set_offsets(segment: &mut Segment, reference: usize, latches: &[Latch]) {
+    let time = latches[reference].entry;
+    for (device, latch) in segment.devices.iter_mut().zip(latches) {
         let delay = device.delay.unwrap_or(Nanos::ZERO).0;
-        device.offset = time.wrapping_add_signed(delay).wrapping_sub(*entry);
+        device.offset = time.wrapping_add_signed(delay).wrapping_sub(latch.entry);
         if device.dc == DcCapability::Clock32 {
             device.offset &= u64::from(u32::MAX);
         }

@@ -69,7 +69,7 @@ async fn look(work: &mut Work) -> Result<(), Cause> {
     work.enter(Stage::Clock);
     let mut present = Present::of(&work.segment);
     let speeds = clock::measure_speeds(link, config, &mut present.0).await.map_err(Cause::from);
-    let clocks = clock::synchronize(link, config, &mut present.0, None).await;
+    let clocks = clock::synchronize(link, config, &mut present.0).await;
     present.give_back(&mut work.segment);
     note(work, speeds);
     note(work, clocks);

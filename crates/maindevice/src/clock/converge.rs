@@ -3,17 +3,17 @@
 
 use alloc::vec::Vec;
 
-use isocat_sync::drift::{Convergence, Limits, Verdict};
+use isocat_sync::drift::{Convergence, Verdict};
 use isocat_wire::StationAddress;
 use isocat_wire::register;
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::drift_frames::{
-    Burst, followers, hasten, limits, noise_behind, read_differences, reading_interval,
+    Burst, PACE, followers, hasten, limits, noise, pace_for, read_differences, reading_interval,
 };
-use super::pace::Pace;
-use super::settings::{depths, locking_depth, set_filter};
+use super::settings::{NOISY, depths, set_filter};
 use crate::config::Config;
+use crate::delay;
 use crate::error::Cause;
 use crate::link::Link;
 use crate::segment::{Segment, SubDevice};
@@ -33,20 +33,30 @@ pub(super) async fn converge(
 ) -> Result<(), Cause> {
     let begin = link.now();
     let end = begin + config.timeouts.drift;
-    let noise = noise_behind(segment, config, locking_depth(config));
-    let (difference, speed) = depths(segment, config);
-    let most = followers(segment, reference).iter().map(|(at, _)| noise[*at]).max();
-    let pace = Pace::new(config.cycle, speed, most.unwrap_or_default());
     let hurry = end.min(begin + HURRY);
-    let mut led = Led::Far;
-    while matches!(led, Led::Far) && link.now() < hurry {
-        // What a disturbance has left of a phase goes with the number of frames: once more by many of them.
-        led = lead(link, config, segment, reference, (pace, true), &noise, hurry).await?;
-    }
-    if !matches!(led, Led::Converged) {
-        let settled = (pace.settled(), false);
-        led = lead(link, config, segment, reference, settled, &noise, end).await?;
-    }
+    let way = delay::noise(segment, config.hop_jitter);
+    let noisy = way.iter().any(|one| *one > NOISY);
+    let fine = noise(segment, config);
+    // What a burst leaves of the jitter must not hold it up: it counts as locked with what the
+    // filter of a short way leaves, 1 / sqrt(31).
+    let shallow = |way: &Nanos| Nanos((way.0 * 18 + 99) / 100);
+    let coarse: Vec<_> = fine.iter().zip(&way).map(|(fine, way)| shallow(way).max(*fine)).collect();
+    let led = lead(link, config, segment, reference, (PACE, 0), &coarse, hurry).await?;
+    let slower = pace_for(config.cycle).max(if noisy { SLOW_PACE } else { PACE });
+    let led = match led {
+        Led::Converged if slower > PACE => {
+            let most = if noisy { MOST_SETTLING } else { MOST_LEARNING };
+            let settled = end.min(link.now() + Nanos(slower.0 * most));
+            let learn = (slower, LEARNING_FRAMES);
+            lead(link, config, segment, reference, learn, &fine, settled).await?;
+            Led::Converged
+        }
+        Led::Converged => Led::Converged,
+        Led::Not { .. } => {
+            let learn = (slower.max(SLOW_PACE), LEARNING_FRAMES);
+            lead(link, config, segment, reference, learn, &fine, end).await?
+        }
+    };
     if let Led::Not { device, slope_ppb } = led {
         let device = &segment.devices[device];
         return Err(Cause::Drift {
@@ -56,6 +66,7 @@ pub(super) async fn converge(
             after: link.now() - begin,
         });
     }
+    let (difference, _) = depths(segment, config);
     let address = register::TIME_FILTER_DEPTH.address;
     let count = followers(segment, reference).len() as u16 + 1;
     link.bwr(address, &[difference]).expect(count).await?;
@@ -66,8 +77,6 @@ pub(super) async fn converge(
 /// The result of driving the clocks.
 enum Led {
     Converged,
-    /// Not yet, and one is so far off that it takes more than patience.
-    Far,
     /// The worst clock, and its slope.
     Not {
         device: usize,
@@ -83,23 +92,21 @@ async fn lead(
     config: &Config,
     segment: &mut Segment,
     reference: usize,
-    (pace, tried): (Pace, bool),
+    (pace, least): (Nanos, i64),
     noise: &[Nanos],
     end: Time<Host>,
 ) -> Result<Led, Cause> {
     let begin = link.now();
     let clocks = followers(segment, reference);
-    let limits: Vec<_> = clocks.iter().map(|(at, _)| limits(config, noise[*at])).collect();
-    let mut judged: Vec<_> = limits.iter().map(|limits| Convergence::new(*limits)).collect();
+    let mut judged: Vec<_> =
+        clocks.iter().map(|(at, _)| Convergence::new(limits(config, noise[*at]))).collect();
     let count = clocks.len() as u16 + 1;
     let station = segment.devices[reference].station;
     let mut burst = Burst::new(link, station, count, pace);
     let noise = clocks.iter().map(|(at, _)| noise[*at]).max().unwrap_or_default();
-    let interval = reading_interval(noise);
-    let learned = if tried { begin + pace.lasts() } else { begin };
-    let window = Nanos(interval.0 * READINGS);
-    // Before that it is known that they move.
-    let mut next_reading = (begin + interval).max(learned + Nanos(-window.0));
+    let interval = reading_interval(noise).max(Nanos(FRAMES_PER_READING * pace.0));
+    let learned = begin + Nanos(pace.0 * least);
+    let mut next_reading = begin + interval;
     loop {
         burst.until(next_reading).await?;
         let asked = link.now();
@@ -120,14 +127,6 @@ async fn lead(
             burst.finish().await?;
             return Ok(Led::Converged);
         }
-        let is_far = |((device, _), limits): (&(usize, StationAddress), &Limits)| {
-            let shown = segment.devices[*device].difference.unwrap_or_default();
-            shown.abs().0 > FAR * (limits.mean + limits.noise).0
-        };
-        if tried && link.now() >= learned && clocks.iter().zip(&limits).any(is_far) {
-            burst.finish().await?;
-            return Ok(Led::Far);
-        }
         if link.now() >= end {
             burst.finish().await?;
             let (device, slope_ppb) = worst(&clocks, &judged, segment);
@@ -136,13 +135,15 @@ async fn lead(
     }
 }
 
-/// Readings that a verdict needs.
-const READINGS: i64 = 16;
-/// So many times beyond the limit of the mean, a clock needs more than patience.
-const FAR: i64 = 5;
 /// Time of a burst after which the pace is slower. Clocks usually lock within half a second of a
 /// burst. A clock that never locks must not load the wire for the whole time allowed.
 const HURRY: Nanos = Nanos(2_000_000_000);
+
+/// The pace of drift frames after that time, and where hops jitter.
+const SLOW_PACE: Nanos = Nanos(1_000_000);
+
+/// Drift frames from one reading to the next.
+const FRAMES_PER_READING: i64 = 10;
 
 /// The clock that is furthest off, and its slope.
 fn worst(
@@ -204,5 +205,14 @@ pub(crate) async fn follow(
     }
 }
 
-/// Drift frames go out for at least so many times as long as a reading of all clocks takes.
+/// Most drift frames at the slower pace, if a burst has already locked the clocks.
+const MOST_LEARNING: i64 = 512;
+
+/// The same where hops jitter: each frame removes 1/1024 of the error that the burst left.
+const MOST_SETTLING: i64 = 4096;
+
+/// Drift frames at the slower pace: after these a speed filter of the usual depth, a mean over 64,
+/// keeps an eighth of its earlier content.
+const LEARNING_FRAMES: i64 = 128;
+/// The time for drift frames is at least this multiple of the time that reading all clocks takes.
 const PULLING_PER_READING: i64 = 3;

@@ -2,10 +2,9 @@
 
 use alloc::vec::Vec;
 
-use isocat_sync::delay::{Delay, Mean};
+use isocat_sync::delay::Delay;
 use isocat_wire::time::{Host, Nanos, Picos, Time};
 
-use super::lines::Lines;
 use crate::config::Config;
 use crate::delay::{self, Estimator, FREE_RUNNING_PPB, Times};
 use crate::error::Cause;
@@ -13,77 +12,37 @@ use crate::event::Event;
 use crate::link::Link;
 use crate::segment::{Segment, SubDevice};
 
-/// What many latches tell of a segment.
-pub(crate) struct Latches {
-    /// SubDevices with the ports at which frames come in.
-    segment: Segment,
-    /// By index.
-    delays: Vec<(Delay, Mean)>,
-    /// How clocks run apart.
-    pub(super) lines: Lines,
-    /// When the last latch was sent, and the reference clock's time from the first one to it, ns.
-    pub(super) last: (Time<Host>, i64),
-}
-
-/// Latches the receive times of a segment with a reference clock several times. Nothing but latches is written, so
-/// all else may go on meanwhile.
-pub(crate) async fn measure(
+/// Latches several times and sets each delay to the mean. Returns the last latch.
+pub(super) async fn measure_delays(
     link: &Link,
     config: &Config,
-    mut segment: Segment,
-) -> Result<Latches, Cause> {
-    let reference = segment.reference.unwrap_or_default();
+    segment: &mut Segment,
+    reference: usize,
+) -> Result<Times, Cause> {
     let wanted = config.delay_latches.max(1);
-    let stations = delay::stations(&segment);
+    let stations = delay::stations(segment);
     let patient = config.hop_jitter;
     let mut latches = latch_often(link, config, &stations, 0, patient).await?;
     let before = latches.get(wanted.wrapping_sub(2)).map(|(_, latch)| latch);
-    delay::find_entries(&mut segment, before, &latches[wanted - 1].1)?;
-    let mut estimator = Estimator::new(&segment, reference, FREE_RUNNING_PPB, config.hop_jitter);
-    let mut lines = Lines::new(reference);
+    delay::find_entries(segment, before, &latches[wanted - 1].1)?;
+    let mut estimator = Estimator::new(segment, reference, FREE_RUNNING_PPB, config.hop_jitter);
     for (_, latch) in &latches {
         estimator.sample(latch);
-        lines.sample(latch);
     }
-    let mut last = latches.pop().unwrap_or_else(|| (link.now(), Times::new()));
-    if patient {
-        let sample = |latch: &Times| lines.sample(latch);
-        last = refine(link, config, &mut estimator, &stations, 0, last, sample).await?;
+    let Some(last) = latches.pop() else { return Ok(Times::new()) };
+    let (_, last) = match patient {
+        true => refine(link, config, &mut estimator, &stations, 0, last).await?,
+        false => last,
+    };
+    for (position, (device, delay)) in
+        segment.devices.iter_mut().zip(estimator.delays()).enumerate()
+    {
+        take(link, device, delay);
+        let mean = estimator.mean(position);
+        device.delay_spread = delay.nanos().map(|_| Nanos(mean.spread().0 / 1_000));
+        device.delay_latches_left_out = mean.left_out();
     }
-    let means = (0..segment.devices.len()).map(|at| estimator.mean(at));
-    let delays = estimator.delays().into_iter().zip(means).collect();
-    let last = (last.0, lines.reference_since(&last.1));
-    Ok(Latches { segment, delays, lines, last })
-}
-
-impl Latches {
-    /// Latches a few times more if the last one was long ago: clocks have run apart since.
-    pub(super) async fn refresh(&mut self, link: &Link) {
-        if link.now() - self.last.0 < LONG_AGO {
-            return;
-        }
-        let stations = delay::stations(&self.segment);
-        for _ in 0..REFRESHING {
-            let sent = link.now();
-            // One that is lost is not missed: what the others told still holds.
-            if let Ok(latch) = delay::latch(link, &stations).await {
-                self.lines.sample(&latch);
-                self.last = (sent, self.lines.reference_since(&latch));
-            }
-        }
-    }
-
-    /// Delays become the means, of the same SubDevices.
-    pub(super) fn apply(&self, link: &Link, segment: &mut Segment) {
-        for ((device, known), (delay, mean)) in
-            segment.devices.iter_mut().zip(&self.segment.devices).zip(&self.delays)
-        {
-            (device.entry, device.parent) = (known.entry, known.parent);
-            take(link, device, *delay);
-            device.delay_spread = delay.nanos().map(|_| Nanos(mean.spread().0 / 1_000));
-            device.delay_latches_left_out = mean.left_out();
-        }
-    }
+    Ok(last)
 }
 
 /// Latches as often as wanted. Each latch comes with the instant before it; with `patient` a pause
@@ -129,13 +88,11 @@ pub(super) async fn refine(
     stations: &delay::Stations,
     strangers: u16,
     mut last: (Time<Host>, Times),
-    mut sample: impl FnMut(&Times) + Send,
 ) -> Result<(Time<Host>, Times), Cause> {
     let most = MOST_LATCHES.saturating_mul(config.delay_latches.max(1));
     while estimator.latches() < most && estimator.worst_error() > Picos::from(config.delay_error) {
         for latch in latch_often(link, config, stations, strangers, true).await? {
             estimator.sample(&latch.1);
-            sample(&latch.1);
             last = latch;
         }
     }
@@ -172,9 +129,3 @@ const SHORTEST_PAUSE: Nanos = Nanos(1_000_000);
 
 /// The range by which pauses differ.
 const PAUSES: Nanos = Nanos(4_000_000);
-
-/// Clocks 50 ppm off have run apart by 1 us since: their line says where they are to some ns before that.
-const LONG_AGO: Nanos = Nanos(20_000_000);
-
-/// Latches then: more of them lie on the line of those before.
-const REFRESHING: usize = 4;

@@ -30,11 +30,8 @@ pub(super) async fn learn(
     config: &Config,
     segment: &mut Segment,
     reference: usize,
-) -> Result<Nanos, AccessError> {
-    let begin = link.now();
-    // No filter: it would show a part of the lag only.
-    settings::write(link, config, segment, LAG, 0).await?;
-    let writing = link.now() - begin;
+) -> Result<(), AccessError> {
+    settings::write(link, config, segment, LAG).await?;
     let clocks: Vec<(usize, StationAddress)> = drift_frames::followers(segment, reference);
     let leader = segment.devices[reference].station;
     let mut tries = 0;
@@ -56,5 +53,5 @@ pub(super) async fn learn(
             false => DifferencePolarity::NegativeAhead,
         };
     }
-    Ok(writing)
+    Ok(())
 }

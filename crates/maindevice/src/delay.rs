@@ -71,8 +71,8 @@ pub(crate) async fn latch_among(
     strangers: u16,
 ) -> Result<Times, AccessError> {
     let timed = stations.iter().filter(|(_, dc)| dc.has_receive_times()).count();
-    // A repetition after a loss might leave times of two frames: rather another latch.
-    let travel = Travel { once: true, quiet: *quiet, ..Travel::default() };
+    // A repetition after a loss might mix the times of two frames, so a new latch is made instead.
+    let travel = Travel { alone: false, once: true, quiet: *quiet };
     let address = Address::Broadcast(register::RECEIVE_TIME_0.address);
     let write = link.exchange(Command::Bwr, address, vec![0; 4], travel);
     let (expected, found) = (timed as u16, write.reply().await?.wkc);

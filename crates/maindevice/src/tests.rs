@@ -293,25 +293,6 @@ fn a_datagram_that_travels_alone_does() {
     assert_eq!(bench.frames, [1, 1, 1]);
 }
 
-/// Two datagrams of 14 bytes beside 105 others are all that a frame holds; beside 106 both go into the next one.
-#[test]
-fn datagrams_that_travel_together_are_in_one_frame() {
-    for (others, frames) in [(105, &[107][..]), (106, &[106, 2])] {
-        let mut bench = Bench::new(1);
-        let link = bench.link.clone();
-        let bound = Travel { with_next: true, ..Travel::default() };
-        let mut all: Vec<_> = (0..others).map(|_| link.fprd(STATION, 0x0130, 2)).collect();
-        let address = Address::Station(STATION, 0x0130);
-        all.push(link.exchange(Command::Fprd, address, std::vec![0; 2], bound));
-        all.push(link.fprd(STATION, 0x0130, 2));
-        bench.run(async {
-            for exchange in all {
-                exchange.expect(1).await.unwrap();
-            }
-        });
-        assert_eq!(bench.frames, frames, "{others}");
-    }
-}
 /// A quiet datagram begins a frame, and leaves when the frames before it are back. Frames of the
 /// cycle count too. Without such an instant it is lost, to the nanosecond.
 #[test]

@@ -1,4 +1,4 @@
-//! Pictures of a run as SVG: what happens in a cycle ([`cycle`]), a series over time ([`series`]),
+//! Pictures of a run as SVG: what happens in the cycle of one SubDevice ([`cycle`]) and of all ([`segment`]), a series over time ([`series`]),
 //! states of devices ([`states`]), counts by size (`bars`), digital signals ([`waves`]), the tree
 //! of a segment ([`topology`]).
 //!
@@ -11,6 +11,8 @@
 pub(crate) mod bars;
 pub mod cycle;
 mod frame;
+pub mod margin;
+pub mod segment;
 pub mod series;
 pub mod states;
 #[cfg(test)]

@@ -7,7 +7,12 @@ impl Report {
     /// The SubDevices in stretches: neighbours with the same profile, mode, cycle, state and counters stand together, from
     /// [`crate::fold::LEAST`] on. The reference clock, and any that a finding names, stand alone.
     pub fn alike(&self) -> Vec<&[Device]> {
-        fold(&self.devices, |a, b| self.is_plain(a) && self.is_plain(b) && same(a, b))
+        fold(&self.devices, |a, b| self.alike_with(a, b))
+    }
+
+    /// Whether two neighbours are told as one.
+    pub fn alike_with(&self, a: &Device, b: &Device) -> bool {
+        self.is_plain(a) && self.is_plain(b) && same(a, b)
     }
 
     fn is_plain(&self, device: &Device) -> bool {

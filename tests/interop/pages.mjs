@@ -64,7 +64,7 @@ await page.mouse.up();
 const range = await ticks();
 assert.ok(range.length >= 3 && range.every((tick) => /us$/.test(tick)), `drawing zooms: ${range}`);
 await cycle.focus();
-for (let i = 0; i < 12; i += 1) await page.keyboard.press("+");
+for (let i = 0; i < 16; i += 1) await page.keyboard.press("+");
 const deep = await ticks();
 assert.ok(deep.some((tick) => /\.\d{3} us$/.test(tick)) || deep.every((tick) => /ns$/.test(tick)), `to the nanosecond: ${deep}`);
 await page.keyboard.press("0");

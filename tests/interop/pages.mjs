@@ -36,7 +36,7 @@ for (const name of ["run", "late", "plan", "conform", "sweep"]) {
 
 // Pointing at an event tells its figures in ns.
 const page = await open("run", 1200, "light");
-const cycle = page.locator("svg[data-from]").first();
+const cycle = page.locator("#cycles svg[data-from]").first();
 await cycle.scrollIntoViewIfNeeded();
 // A stroke has no width, so it is met by its place.
 const stroke = await cycle.locator("g.mark[data-tip^='SYNC0']").first().evaluate((mark) => {
@@ -52,7 +52,7 @@ assert.ok(await page.locator("#tip").isVisible());
 // Zoom by button, by drawing, by key; the whole again. What is seen is always in the axis's words.
 const ticks = () => cycle.locator("text.tick").allTextContents();
 const before = await ticks();
-await page.locator("figure:has(svg[data-from])").first().getByRole("button", { name: "zoom in" }).click();
+await page.locator("#cycles figure:has(svg[data-from])").first().getByRole("button", { name: "zoom in" }).click();
 assert.notDeepEqual(await ticks(), before, "the button zooms");
 await cycle.dblclick();
 assert.equal((await ticks()).at(0), before.at(0));
@@ -64,7 +64,7 @@ await page.mouse.up();
 const range = await ticks();
 assert.ok(range.length >= 3 && range.every((tick) => /us$/.test(tick)), `drawing zooms: ${range}`);
 await cycle.focus();
-for (let i = 0; i < 12; i += 1) await page.keyboard.press("+");
+for (let i = 0; i < 16; i += 1) await page.keyboard.press("+");
 const deep = await ticks();
 assert.ok(deep.some((tick) => /\.\d{3} us$/.test(tick)) || deep.every((tick) => /ns$/.test(tick)), `to the nanosecond: ${deep}`);
 await page.keyboard.press("0");
@@ -111,6 +111,23 @@ const ink = await page.locator("svg.picture text.name").first().evaluate((text) 
 assert.equal(ink, "rgb(0, 0, 0)", "drawings are dark on it");
 assert.ok(!(await page.locator(".tools").first().isVisible()), "no buttons on paper");
 await page.close();
+
+// All devices on one axis: the tightest first, equal ones in one row and in one drawing, colours by the lateness of the host.
+const many = await open("many", 1200, "light");
+const names = await many.locator("#all text.name").allTextContents();
+assert.deepEqual(names, ["frames", "1 late", "2 axis", "3 to 14 io 0..11"], "rows");
+assert.deepEqual(await many.locator("#cycles article").evaluateAll((all) => all.map((one) => one.id)), ["device-1", "device-2", "device-3", "device-0"]);
+assert.equal(await many.locator("#all rect.left.bad").count(), 1);
+const words_at = (class_, text) => many.locator(`#all text.${class_}`, { hasText: text }).first().getAttribute("x");
+assert.ok(Number(await words_at("bad", "outputs too late by")) > 190, "it is said in words");
+const texts = await many.locator("#all text.moves").evaluateAll((all) => all.map((text) => text.getBoundingClientRect().toJSON()));
+for (const [i, a] of texts.entries()) {
+  for (const b of texts.slice(i + 1)) {
+    assert.ok(a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top, "words do not lie on each other");
+  }
+}
+if (pictures) await many.locator("#all").screenshot({ path: `${pictures}/all-devices.png` });
+await many.close();
 
 // What is wrong stands first, with its cause and its remedy.
 const late = await open("late", 1200, "light");

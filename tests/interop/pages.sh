@@ -31,9 +31,29 @@ copy_time = "178us"
 device = "model_every_mode"
 name = "labeller"
 TOML
+cat > "$folder/many.toml" <<'TOML'
+cycle = "500us"
+for = "200ms"
+[[subdevice]]
+device = "beckhoff_ek1100"
+name = "coupler"
+[[subdevice]]
+device = "kollmorgen_akd2g"
+name = "late"
+connect = "coupler:2"
+copy_time = "400us"
+[[subdevice]]
+device = "kollmorgen_akd2g"
+name = "axis"
+[[subdevice]]
+device = "simple_io16"
+name = "io"
+count = 12
+TOML
 cd "$folder"
 "$isocat" run --for 1s --report run.html > run.txt
 "$isocat" run late.toml --report late.html > late.txt && { echo "the late device was not found"; exit 1; }
+"$isocat" run many.toml --report many.html > many.txt && { echo "the late drive was not found"; exit 1; }
 "$isocat" plan --prove --for 100ms --report plan.html > plan.txt
 "$isocat" conform simple_io16 --report conform.html > conform.txt
 "$isocat" sweep late.toml --vary shift=100us,200us,400us --vary 'subdevice[1].copy_time=50us,150us' --seeds 2 --page sweep.html > sweep.txt || [ $? = 1 ]

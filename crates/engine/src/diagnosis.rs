@@ -2,8 +2,8 @@
 //! the plan.
 //!
 //! Each cause is stated with the figures that show it. A cause that no figure shows is not stated:
-//! then only the meaning of the AL status code is given. A remedy that is a line of the segment file
-//! says where the line goes.
+//! then only the meaning of the AL status code is given. A remedy that is a line of the segment
+//! file says where the line goes.
 
 mod place;
 mod text;
@@ -48,8 +48,8 @@ impl Report {
     }
 }
 
-/// Runs a scenario once more with a recorder, for a run that nobody recorded: the same seed gives the same run.
-/// `progress` hears of it as in [`isocat_sim::Run::execute`].
+/// Runs a scenario once more with a recorder, for a run that nobody recorded: the same seed gives
+/// the same run. `progress` hears of it as in [`isocat_sim::Run::execute`].
 pub fn record(
     scenario: &Scenario,
     progress: &mut dyn FnMut(isocat_sim::run::Progress),

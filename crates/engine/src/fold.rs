@@ -3,8 +3,8 @@
 /// Fewer neighbours than this are told one by one: two axes are not worth a range.
 pub const LEAST: usize = 3;
 
-/// Divides `all` into stretches, in order: neighbours that are all the same as the first of them, if there are [`LEAST`] or more, and
-/// else single ones.
+/// Divides `all` into stretches, in order: neighbours that are all the same as the first of them,
+/// if there are [`LEAST`] or more, and else single ones.
 pub fn fold<T>(all: &[T], same: impl Fn(&T, &T) -> bool) -> Vec<&[T]> {
     let mut stretches = Vec::new();
     let mut rest = all;
@@ -28,7 +28,8 @@ pub fn range(first: usize, last: usize) -> String {
 /// Places in a list of positions.
 const MOST_PLACES: usize = 12;
 
-/// Ascending positions: `1, 3 to 5, 9`. Two neighbours stand one by one; a list longer than [`MOST_PLACES`] ends with a count.
+/// Ascending positions: `1, 3 to 5, 9`. Two neighbours stand one by one; a list longer than
+/// [`MOST_PLACES`] ends with a count.
 pub fn positions(all: &[usize]) -> String {
     let numbered: Vec<(usize, usize)> = all.iter().copied().enumerate().collect();
     // In a row of neighbours place and position go up together.
@@ -42,7 +43,8 @@ pub fn positions(all: &[usize]) -> String {
     }
 }
 
-/// One name for several devices: `io 0..11` where they are numbered, `gripper` where all are called so, else the first and the last.
+/// One name for several devices: `io 0..11` where they are numbered, `gripper` where all are called
+/// so, else the first and the last.
 pub fn name(names: &[&str]) -> String {
     let (Some(first), Some(last)) = (names.first(), names.last()) else { return String::new() };
     if names.iter().all(|name| name == first) {
@@ -65,8 +67,9 @@ fn numbered(name: &str) -> (&str, Option<u64>) {
     (stem, name[stem.len()..].parse().ok())
 }
 
-/// Place and name of one device or of several, in columns of `places` and `columns` characters with a space between: `3   axis 1`,
-/// `3 to 14  io 0..11 (12)`. A range takes what it needs of the column of names.
+/// Place and name of one device or of several, in columns of `places` and `columns` characters with
+/// a space between: `3   axis 1`, `3 to 14  io 0..11 (12)`. A range takes what it needs of the
+/// column of names.
 pub fn label(devices: &[(usize, &str)], places: usize, columns: usize) -> String {
     use isocat_descriptions::columns::cut;
     let (Some(first), Some(last)) = (devices.first(), devices.last()) else { return String::new() };

@@ -147,7 +147,8 @@ const SETTLING: i64 = 8;
 const BEFORE: usize = 28;
 const AFTER: usize = 14;
 
-/// Spans of time that a series of one SubDevice has with so many of them: a page made of them stays below 2 MB.
+/// Spans of time that a series of one SubDevice has with so many of them: a page made of them stays
+/// below 2 MB.
 pub fn spans(devices: usize) -> usize {
     (4_000 / devices.max(1)).clamp(40, 400)
 }

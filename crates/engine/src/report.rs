@@ -74,7 +74,8 @@ pub struct Report {
     pub faults: Vec<FaultNote>,
     /// Why it was not in sync, in the order of time; findings without a time come last.
     pub findings: Vec<Finding>,
-    /// Causes and remedies, those with a cause first; empty in sync, and in a report of a sweep, which records nothing.
+    /// Causes and remedies, those with a cause first; empty in sync, and in a report of a sweep,
+    /// which records nothing.
     pub diagnoses: Vec<Diagnosis>,
     /// Departures and returns of SubDevices that may be absent; they do not count against the
     /// segment.

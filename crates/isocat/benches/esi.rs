@@ -1,5 +1,5 @@
-//! How fast descriptions are imported, in bytes a second: one made here, and those that lie beside the
-//! project, if there are any.
+//! How fast descriptions are imported, in bytes a second: one made here, and those that lie beside
+//! the project, if there are any.
 
 #![expect(missing_docs, reason = "the macros make undocumented items")]
 

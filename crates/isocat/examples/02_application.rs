@@ -1,7 +1,9 @@
-//! An application of one's own on the cycle, in virtual time or on a network interface: the same code.
+//! An application of one's own on the cycle, in virtual time or on a network interface: the same
+//! code.
 //!
-//! `cargo run --release -p isocat --example 02_application`: two I/O devices in virtual time.
-//! `sudo target/release/examples/02_application eth0`: whatever is behind the interface (`isocat serve --setup-veth lab` makes one).
+//! `cargo run --release -p isocat --example 02_application`: two I/O devices in virtual time. `sudo
+//! target/release/examples/02_application eth0`: whatever is behind the interface (`isocat serve
+//! --setup-veth lab` makes one).
 
 use isocat::host::Host;
 use isocat::{Nanos, NoTap, Scenario, SegmentFile};
@@ -9,7 +11,8 @@ use isocat_maindevice::{Application, Config, Cycle, Event};
 use isocat_sim::World;
 use isocat_wire::time::{Picos, Time};
 
-/// Each device that has outputs gets a counter, and its inputs are compared with what they were to become.
+/// Each device that has outputs gets a counter, and its inputs are compared with what they were to
+/// become.
 #[derive(Default)]
 struct Counter {
     value: u8,
@@ -18,7 +21,8 @@ struct Counter {
 }
 
 impl Application for Counter {
-    /// Called once a cycle, when all of its frames are back or given up. What is written here leaves with the next one.
+    /// Called once a cycle, when all of its frames are back or given up. What is written here
+    /// leaves with the next one.
     fn cycle(&mut self, cycle: &mut Cycle<'_>) {
         self.calls += 1;
         self.value = self.value.wrapping_add(1);

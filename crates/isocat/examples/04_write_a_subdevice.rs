@@ -1,7 +1,8 @@
-//! A SubDevice of one's own: a thermostat with a dictionary, an SII and an application, brought into synchronization and judged.
+//! A SubDevice of one's own: a thermostat with a dictionary, an SII and an application, brought
+//! into synchronization and judged.
 //!
-//! The same description and application run on a microcontroller (`firmware/` shows how); here the device stands in a simulated
-//! segment, so that every instant of it can be looked at.
+//! The same description and application run on a microcontroller (`firmware/` shows how); here the
+//! device stands in a simulated segment, so that every instant of it can be looked at.
 //!
 //! `cargo run --release -p isocat --example 04_write_a_subdevice`
 
@@ -21,7 +22,8 @@ use isocat_wire::sii::{Header, MailboxArea, SmRecord, Writer, category, sm_type}
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::{Nanos, Picos, Time};
 
-/// What is fixed about the device. Values of the dictionary lie one behind the other: each begins where the one before ends.
+/// What is fixed about the device. Values of the dictionary lie one behind the other: each begins
+/// where the one before ends.
 static DESCRIPTION: Description = Description {
     objects: &OBJECTS,
     mailbox: Some(Mailbox { receive: RECEIVE, send: SEND, speaks: Speaks::COE }),
@@ -64,7 +66,8 @@ const SET_POINT: [Entry; 1] =
 const VENDOR: u32 = 0xE000_0001;
 const PRODUCT: u32 = 7;
 
-/// What 0x1C32 and 0x1C33 state: Free Run, SM-synchronous and DC SYNC0; 250 us at least, 40 us to copy, 10 us from SYNC0 to outputs.
+/// What 0x1C32 and 0x1C33 state: Free Run, SM-synchronous and DC SYNC0; 250 us at least, 40 us to
+/// copy, 10 us from SYNC0 to outputs.
 const SYNC: SyncStatement = SyncStatement {
     supported: &[0x07, 0],
     minimum_cycle: &250_000u32.to_le_bytes(),

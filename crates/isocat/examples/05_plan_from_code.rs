@@ -1,4 +1,5 @@
-//! The plan of a segment that a program makes up: does it fit, which line is the tightest, what would fit?
+//! The plan of a segment that a program makes up: does it fit, which line is the tightest, what
+//! would fit?
 //!
 //! `cargo run --release -p isocat --example 05_plan_from_code`
 

@@ -1,7 +1,8 @@
-//! A judge of one's own: a tap sees every frame, every event at a SubDevice and every figure of the built-in judges, in true time.
+//! A judge of one's own: a tap sees every frame, every event at a SubDevice and every figure of the
+//! built-in judges, in true time.
 //!
-//! This one asks what no built-in judge does: do the outputs of the two drives of the built-in segment become valid within 1 us of each
-//! other, in every cycle?
+//! This one asks what no built-in judge does: do the outputs of the two drives of the built-in
+//! segment become valid within 1 us of each other, in every cycle?
 //!
 //! `cargo run --release -p isocat --example 06_judge_of_ones_own`
 

@@ -1,4 +1,5 @@
-//! The conformance of a SubDevice as a test: the rules of `isocat conform`, on a device in virtual time.
+//! The conformance of a SubDevice as a test: the rules of `isocat conform`, on a device in virtual
+//! time.
 //!
 //! On a real interface the wire is `isocat::conform::wire::RawWire` instead; the rest stays.
 //!

@@ -1,4 +1,5 @@
-//! From a maker's description (ESI) to a profile: what the file holds, what is doubtful in it, and the device in a simulated segment.
+//! From a maker's description (ESI) to a profile: what the file holds, what is doubtful in it, and
+//! the device in a simulated segment.
 //!
 //! `cargo run --release -p isocat --example 08_esi_to_profile [FILE.xml]`; without a file it takes
 //! a small synthetic one.

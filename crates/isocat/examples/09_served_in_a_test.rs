@@ -1,5 +1,6 @@
-//! The served segment inside a test: somebody's MainDevice against simulated SubDevices, without an interface, in a time that the test
-//! moves. Here it is isocat's own MainDevice; any other takes its place between `poll_transmit` and `handle_frame`.
+//! The served segment inside a test: somebody's MainDevice against simulated SubDevices, without an
+//! interface, in a time that the test moves. Here it is isocat's own MainDevice; any other takes
+//! its place between `poll_transmit` and `handle_frame`.
 //!
 //! `cargo test -p isocat --example 09_served_in_a_test`, or `cargo run` for the summary.
 
@@ -10,7 +11,8 @@ use isocat::{Nanos, Scenario, SegmentFile};
 use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
 use isocat_wire::time::{Host, Time};
 
-/// Brings the segment up and runs it for `span`, pressing the button of device 1 on the way; gives the segment as it stands then.
+/// Brings the segment up and runs it for `span`, pressing the button of device 1 on the way; gives
+/// the segment as it stands then.
 fn session(span: Nanos) -> (Server, MainDevice) {
     let text = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io4\"\ncount = 3\n";
     let file = SegmentFile::parse("three of them", text).expect("a segment");

@@ -1,5 +1,5 @@
-//! Round trips on a network interface, for `benches/wire.sh`: a bare echo, and a ping that measures it or a
-//! served segment. Linux, needs the capability for raw sockets.
+//! Round trips on a network interface, for `benches/wire.sh`: a bare echo, and a ping that measures
+//! it or a served segment. Linux, needs the capability for raw sockets.
 //!
 //! ```text
 //! wire echo IF [busy]                     sends every EtherCAT frame back
@@ -7,8 +7,8 @@
 //! wire main IF CYCLE COUNT [busy]         brings the segment behind IF to OP, then sends the frames of its cycle
 //! ```
 //!
-//! The last two print one line: frames a cycle, bytes of the first, round trips until the last is back in
-//! microseconds (least, median, 99 %, most), cycles that were not back before the next.
+//! The last two print one line: frames a cycle, bytes of the first, round trips until the last is
+//! back in microseconds (least, median, 99 %, most), cycles that were not back before the next.
 
 #[cfg(target_os = "linux")]
 fn main() {

@@ -140,11 +140,14 @@ enum Verb {
     /// Bring a segment up, run it, judge it, report (the default verb)
     #[command(after_help = run::EXAMPLES)]
     Run(Box<run::Arguments>),
-    /// Plan the cycle of a segment without sending anything: frames, phases, the slack of every demand
+    /// Plan the cycle of a segment without sending anything: frames, phases, the slack of every
+    /// demand
     Plan(plan::Arguments),
-    /// Find out about a segment before any cycle: topology, delays, clocks, SII, objects, and what is doubtful
+    /// Find out about a segment before any cycle: topology, delays, clocks, SII, objects, and what
+    /// is doubtful
     ///
-    /// Every SubDevice goes to INIT, to PREOP and back: not for a segment that somebody else has in operation.
+    /// Every SubDevice goes to INIT, to PREOP and back: not for a segment that somebody else has in
+    /// operation.
     Scan(scan::Arguments),
     /// Measure on a segment what no data sheet tells: crystals, law and sign of each drift loop,
     /// hops, times
@@ -164,7 +167,8 @@ enum Verb {
     /// Ask something of an `isocat serve` that runs: inject a fault, print its state, end it
     #[cfg(target_os = "linux")]
     Control(serve::ControlArguments),
-    /// Show a segment as it runs: a simulation, a real wire or a served one; or wait until it is in sync
+    /// Show a segment as it runs: a simulation, a real wire or a served one; or wait until it is in
+    /// sync
     Watch(Box<watch::Arguments>),
     /// Run a segment many times: over a grid of values, seeds, faults that are drawn
     #[command(after_help = sweep::EXAMPLES)]
@@ -182,7 +186,8 @@ enum Verb {
     /// Read captures of any MainDevice's segment: devices, set-up, states, what went wrong first
     #[command(after_help = diagnose::EXAMPLES)]
     Diagnose(diagnose::Arguments),
-    /// Read an ENI file: what it writes at start and in each cycle, what is doubtful, whether it can be run
+    /// Read an ENI file: what it writes at start and in each cycle, what is doubtful, whether it
+    /// can be run
     Eni(eni::Arguments),
     /// Read the content of an EEPROM (SII), or write one from a maker's description or a profile
     #[command(after_help = sii::EXAMPLES)]
@@ -205,7 +210,8 @@ enum Verb {
         /// Where to
         folder: PathBuf,
     },
-    /// List the built-in device profiles; with a name, print that profile; with a maker's description, list it
+    /// List the built-in device profiles; with a name, print that profile; with a maker's
+    /// description, list it
     Devices(devices::Arguments),
 }
 
@@ -214,8 +220,9 @@ pub fn main() -> ExitCode {
     run_with(std::env::args_os()).into()
 }
 
-/// Runs the command inside another program, as Python's interpreter; gives its exit code. `itself` is the program with the
-/// arguments that make it the command, for runs that are processes of their own.
+/// Runs the command inside another program, as Python's interpreter; gives its exit code. `itself`
+/// is the program with the arguments that make it the command, for runs that are processes of their
+/// own.
 pub fn main_as(itself: Vec<OsString>, arguments: Vec<OsString>) -> u8 {
     // A program is one command in its life.
     let _ = ITSELF.set(itself);

@@ -11,6 +11,8 @@
 pub(crate) mod bars;
 pub mod cycle;
 mod frame;
+pub mod margin;
+pub mod segment;
 pub mod series;
 pub mod states;
 #[cfg(test)]

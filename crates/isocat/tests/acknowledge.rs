@@ -1,7 +1,8 @@
-//! SYNC signals that fall when the device's program acknowledges them, or by themselves: in segment files, by the plan and in
-//! true time.
+//! SYNC signals that fall when the device's program acknowledges them, or by themselves: in segment
+//! files, by the plan and in true time.
 //!
-//! Device 0 has the reference clock: its pulses come on its own ticks, so that edges can be met to the tick.
+//! Device 0 has the reference clock: its pulses come on its own ticks, so that edges can be met to
+//! the tick.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -142,8 +143,8 @@ fn acknowledged_as_late_as_the_next_pulse_and_a_tick_later() {
     }
 }
 
-/// A program that takes longer than a cycle loses every second pulse. With more than two, SYNC0 comes each 3 ms, which to the
-/// supervision of a device is no SYNC0 any more: it refuses OP.
+/// A program that takes longer than a cycle loses every second pulse. With more than two, SYNC0
+/// comes each 3 ms, which to the supervision of a device is no SYNC0 any more: it refuses OP.
 #[test]
 fn the_later_the_more_are_lost() {
     for (time, of_edge) in [("999us", 0), ("1001us", 1), ("1999us", 1)] {
@@ -159,7 +160,8 @@ fn the_later_the_more_are_lost() {
     assert_eq!(report.devices[0].registers.al_status_code, 0x001A, "{:?}", report.findings);
 }
 
-/// Jitter of the interrupt comes on top: by the plan at its worst, in truth with every value up to it.
+/// Jitter of the interrupt comes on top: by the plan at its worst, in truth with every value up to
+/// it.
 #[test]
 fn jitter_makes_it_later() {
     let with = |time: i64| {
@@ -222,7 +224,8 @@ fn a_pulse_as_long_as_its_cycle_and_a_tick_longer() {
     assert!(!report.in_sync && seen.edges.is_empty(), "{:?}", report.findings);
 }
 
-/// Clocks that differ, hops that jitter and a host that is late: what the plan allows holds, and the proof finds its bound tight.
+/// Clocks that differ, hops that jitter and a host that is late: what the plan allows holds, and
+/// the proof finds its bound tight.
 #[test]
 fn with_real_clocks_the_plan_holds_and_is_not_far_off() {
     let keys = |time: i64| {
@@ -245,7 +248,8 @@ fn with_real_clocks_the_plan_holds_and_is_not_far_off() {
     }
 }
 
-/// The whole run, the plan and its page say it; the smallest cycle that is suggested leaves time to acknowledge.
+/// The whole run, the plan and its page say it; the smallest cycle that is suggested leaves time to
+/// acknowledge.
 #[test]
 fn the_plan_names_it_and_its_smallest_cycle_leaves_the_time() {
     let scenario = ideal("1ms", "mode = \"dc-sync0\"\npulse = \"0ns\"\nacknowledge = \"700us\"");

@@ -1,5 +1,5 @@
-//! Arbitrary bytes at the doors of the command: files that were good once, with pieces of them lost, doubled, exchanged
-//! and spoilt. Longer runs are those of `fuzz/`.
+//! Arbitrary bytes at the doors of the command: files that were good once, with pieces of them
+//! lost, doubled, exchanged and spoilt. Longer runs are those of `fuzz/`.
 
 use isocat::{SegmentFile, profile};
 

@@ -1,5 +1,5 @@
-//! A MainDevice on an ordinary machine and a wire that loses: frames lost on the way up, nobody there, somebody else
-//! there, a cable pulled, a host that stamps too early and sleeps too long.
+//! A MainDevice on an ordinary machine and a wire that loses: frames lost on the way up, nobody
+//! there, somebody else there, a cable pulled, a host that stamps too early and sleeps too long.
 
 use std::collections::VecDeque;
 
@@ -153,7 +153,8 @@ fn over(event: &Event) -> bool {
     matches!(event, Event::Failed(_) | Event::Stopped)
 }
 
-/// Answers that come when their cycle is given up are late, each of them, and not those of a later cycle.
+/// Answers that come when their cycle is given up are late, each of them, and not those of a later
+/// cycle.
 #[test]
 fn an_answer_cycles_late_is_not_taken_for_that_of_another_cycle() {
     use std::cell::Cell;
@@ -167,7 +168,8 @@ fn an_answer_cycles_late_is_not_taken_for_that_of_another_cycle() {
     bench.until(Nanos::millis(50), over);
     let after = bench.main.statistics();
     assert!(after.frames_received <= before.frames_received + 1, "{before:?} {after:?}");
-    // Lost or late, never both: but for the last two or three, all that were given up have come since.
+    // Lost or late, never both: but for the last two or three, all that were given up have come
+    // since.
     assert!((45..=51).contains(&after.frames_late), "{after:?}");
     assert!(after.frames_lost <= 1, "{after:?}");
     assert_eq!(after.frames_missed(), after.frames_late + after.frames_lost);
@@ -176,8 +178,9 @@ fn an_answer_cycles_late_is_not_taken_for_that_of_another_cycle() {
     assert_eq!(after.frames_unexpected, 0);
 }
 
-/// The source address is a hint and no more: a segment works whose ESCs do not mark it, whichever of them they are, and so
-/// does one whose frames never show a mark. Nothing of it is called an echo.
+/// The source address is a hint and no more: a segment works whose ESCs do not mark it, whichever
+/// of them they are, and so does one whose frames never show a mark. Nothing of it is called an
+/// echo.
 #[test]
 fn a_segment_that_does_not_mark_frames_comes_up() {
     let devices = SegmentFile::built_in().subdevices.len() as u16;
@@ -218,8 +221,9 @@ fn a_segment_that_does_not_mark_frames_comes_up() {
     assert_eq!(bench.until(Nanos::millis(5_000), over), Some(Event::Stopped));
 }
 
-/// Every k-th frame of the way up is lost, out or back in turn: it comes up all the same. (Not where
-/// k is so small that a datagram loses all its four tries, which come at fixed distances too.)
+/// Every k-th frame of the way up is lost, out or back in turn: it comes up all the same. (Not
+/// where k is so small that a datagram loses all its four tries, which come at fixed distances
+/// too.)
 #[test]
 fn single_losses_do_not_end_the_way_up() {
     for k in [6, 7, 8, 10, 64] {
@@ -279,8 +283,8 @@ fn nothing_behind_the_port_and_a_loop_back_are_told_apart() {
     }
 }
 
-/// Frames of another MainDevice are counted with its address, and never taken for answers, however much they are like
-/// ours; late ones of our own are told apart.
+/// Frames of another MainDevice are counted with its address, and never taken for answers, however
+/// much they are like ours; late ones of our own are told apart.
 #[test]
 fn another_maindevice_on_the_wire_is_named() {
     let mut bench = Bench::new(|_| {}, |_| Fate::Passes(0));
@@ -369,9 +373,10 @@ fn random(state: &mut u64) -> u64 {
     state.wrapping_mul(0x2545_F491_4F6C_DD1D)
 }
 
-/// An ordinary machine: stamps some 8 us early, one of 50 by up to a millisecond, now and then 40 ms of sleep. It comes
-/// up, stays locked and its frames find the reference near their phase. (40 cycles without outputs are more than the
-/// drives allow, so they leave OP; that is another matter.)
+/// An ordinary machine: stamps some 8 us early, one of 50 by up to a millisecond, now and then 40
+/// ms of sleep. It comes up, stays locked and its frames find the reference near their phase. (40
+/// cycles without outputs are more than the drives allow, so they leave OP; that is another
+/// matter.)
 #[test]
 fn an_ordinary_host_comes_up_and_stays_locked() {
     for seed in 1..=3 {

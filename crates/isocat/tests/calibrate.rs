@@ -58,8 +58,8 @@ fn the_virtual_segment_shows_what_was_set() {
     taken_by_all(&path, &chips, "hold 11");
 }
 
-/// What was written is taken by `plan` and `run` of the same devices: without the segment file's own
-/// law they behave as with it.
+/// What was written is taken by `plan` and `run` of the same devices: without the segment file's
+/// own law they behave as with it.
 fn taken_by_all(path: &str, chips: &str, law: &str) {
     let written = std::fs::read_to_string(chips).expect("a file of chips");
     let (name, phase) = law.split_once(' ').expect("name and phase");
@@ -78,8 +78,8 @@ fn taken_by_all(path: &str, chips: &str, law: &str) {
         json(&["plan", &bare, "--chips", chips, "--prove", "--for", "1s", "--json"])["fits"],
         true
     );
-    // Each device's course in true time tells its law: the same with the file as with the law set for
-    // all, and another one without.
+    // Each device's course in true time tells its law: the same with the file as with the law set
+    // for all, and another one without.
     let run = |path: &str, more: &[&str]| {
         let mut arguments = vec!["run", path, "--for", "1s", "--json"];
         arguments.extend(more);

@@ -1,6 +1,7 @@
-//! The capture file, read back by a library that did not write the frames: every frame is there twice, sent and
-//! answered, with nanosecond stamps, and its datagrams count as those of an EtherCAT segment do. Probes see it change from SubDevice
-//! to SubDevice, comments tell what happened.
+//! The capture file, read back by a library that did not write the frames: every frame is there
+//! twice, sent and answered, with nanosecond stamps, and its datagrams count as those of an
+//! EtherCAT segment do. Probes see it change from SubDevice to SubDevice, comments tell what
+//! happened.
 
 use std::time::Duration;
 
@@ -172,7 +173,8 @@ fn probes_see_each_frame_before_and_after_each_subdevice() {
     assert!(before.iter().zip(&back).all(|(left, back)| left.at < back.at));
 }
 
-/// What a tap in a cable has: frames on their way out and back, in true time; and no device notices.
+/// What a tap in a cable has: frames on their way out and back, in true time; and no device
+/// notices.
 #[test]
 fn taps_in_cables_see_both_directions() {
     let mut scenario = Scenario::from(SegmentFile::built_in());
@@ -253,7 +255,8 @@ fn an_alarm_is_told() {
     assert!(found.iter().all(|(_, words)| words.starts_with("SubDevice 1 (right): ")));
 }
 
-/// Whatever the order is in which they are told; what is told too late to have its place comes at once.
+/// Whatever the order is in which they are told; what is told too late to have its place comes at
+/// once.
 #[test]
 fn packets_and_comments_find_their_places() {
     let us = Duration::from_micros;

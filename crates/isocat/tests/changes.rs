@@ -1,6 +1,6 @@
-//! A segment that changes while it runs: power lost and back, cables pulled and plugged, another device in the
-//! place of one, a reference clock that is gone. Judged in true time: those that go on are not disturbed, those that
-//! come back are on the grid that they had.
+//! A segment that changes while it runs: power lost and back, cables pulled and plugged, another
+//! device in the place of one, a reference clock that is gone. Judged in true time: those that go
+//! on are not disturbed, those that come back are on the grid that they had.
 
 mod field;
 
@@ -57,7 +57,8 @@ fn a_device_that_loses_its_power_is_back_on_its_grid() {
     assert_ne!(kept, 0, "another counter value needs another offset");
 }
 
-/// The cable between the first and the second is pulled: three devices are gone, all with their power on.
+/// The cable between the first and the second is pulled: three devices are gone, all with their
+/// power on.
 #[test]
 fn a_branch_that_is_cut_comes_back_whole() {
     let mut field = Field::up(LINE, |_| {});
@@ -93,7 +94,8 @@ fn a_branch_that_is_cut_comes_back_whole() {
     field.broadcasts_only_latches();
 }
 
-/// The way of frames to the other branch becomes shorter by 1.9 us, and longer again: its clocks must not follow.
+/// The way of frames to the other branch becomes shorter by 1.9 us, and longer again: its clocks
+/// must not follow.
 #[test]
 fn the_other_branch_of_a_tree_goes_on() {
     let mut field = Field::up(TREE, |_| {});
@@ -208,8 +210,8 @@ fn another_clock_of_32_bits_leads_when_the_reference_is_gone() {
     assert!(clocks.skip(1).all(|dc| dc == DcCapability::Clock32));
 }
 
-/// The same where the host leads the reference clock: whichever that is, and the SYNC grid is that of the time as
-/// written.
+/// The same where the host leads the reference clock: whichever that is, and the SYNC grid is that
+/// of the time as written.
 #[test]
 fn the_host_goes_on_to_lead_when_the_reference_is_gone() {
     let limits = drive::Limits::default();
@@ -221,8 +223,8 @@ fn the_host_goes_on_to_lead_when_the_reference_is_gone() {
     assert!(field.world.main().drive().is_some());
 }
 
-/// The reference of [`TREE`] loses its power, and gets it back. `by_leader`: the grid is judged in the time of the
-/// oscillator that led.
+/// The reference of [`TREE`] loses its power, and gets it back. `by_leader`: the grid is judged in
+/// the time of the oscillator that led.
 fn reference_lost(change: impl FnOnce(&mut Setup), by_leader: bool) -> Field {
     let mut field = Field::up(TREE, change);
     let reference = field.world.main().segment().reference.expect("there are clocks");
@@ -376,7 +378,8 @@ fn a_device_that_fell_is_brought_back_by_policy() {
     }
 }
 
-/// The pauses of the policy are times: they pass at every cycle, also where a hundred cycles last longer than both.
+/// The pauses of the policy are times: they pass at every cycle, also where a hundred cycles last
+/// longer than both.
 #[test]
 fn a_device_that_fell_is_brought_back_at_every_cycle() {
     let (first, longest) = (Nanos::millis(50), Nanos::millis(500));
@@ -420,7 +423,8 @@ fn a_device_that_fell_is_brought_back_at_every_cycle() {
     }
 }
 
-/// One in the middle loses its power, and those behind it their cable; then the first of all, and with it everything.
+/// One in the middle loses its power, and those behind it their cable; then the first of all, and
+/// with it everything.
 #[test]
 fn whatever_is_behind_it_comes_back_with_it() {
     for (off_at, front) in [(1, 1), (0, 0)] {
@@ -462,8 +466,8 @@ fn with_a_group(arrives: &str) -> String {
         .replace("name = \"fourth\"", &format!("{optional}\"fourth\""))
 }
 
-/// Hot connect: the segment runs without a group that it was planned with, and takes it up when it comes, as often as
-/// it does.
+/// Hot connect: the segment runs without a group that it was planned with, and takes it up when it
+/// comes, as often as it does.
 #[test]
 fn a_group_that_was_absent_is_taken_up_when_it_comes() {
     let mut field = Field::up(&with_a_group("20s"), |_| {});
@@ -515,7 +519,8 @@ fn a_group_that_was_absent_is_taken_up_when_it_comes() {
     assert_eq!((field.state(2), field.state(3)), (AlState::Op, AlState::Op));
 }
 
-/// Planned with what its description says, and another comes; then one whose times do not fit the plan.
+/// Planned with what its description says, and another comes; then one whose times do not fit the
+/// plan.
 #[test]
 fn a_group_that_is_not_as_known_is_refused_by_name() {
     let slow = "calc_copy = \"400us\"\n    name = \"fourth\"";

@@ -62,7 +62,8 @@ fn the_schema_of_the_conformance_report_is_committed() {
     is_committed("conformance-report.schema.json", &isocat::conform::report::schema());
 }
 
-/// What a segment file expects decides: exit code, report and JUnit say the same, on both sides of the edge.
+/// What a segment file expects decides: exit code, report and JUnit say the same, on both sides of
+/// the edge.
 #[test]
 fn a_run_ends_by_what_is_expected_of_it() {
     let segment = |within: &str| {
@@ -100,7 +101,8 @@ fn a_run_ends_by_what_is_expected_of_it() {
     assert!(text(&output.stdout).contains("Expected: 2 of 2 came so."), "{}", text(&output.stdout));
 }
 
-/// The grid of a sweep: a frontier in words and as a page, rows for other programs, and the edge of a value.
+/// The grid of a sweep: a frontier in words and as a page, rows for other programs, and the edge of
+/// a value.
 #[test]
 fn a_sweep_tells_its_grid_as_a_page_and_its_rows_as_parquet() {
     let segment = "cycle = \"1ms\"\nfor = \"50ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\
@@ -139,7 +141,8 @@ fn a_sweep_tells_its_grid_as_a_page_and_its_rows_as_parquet() {
     assert_eq!(edge("expect[0].worst_sync0=500us..1000us"), (Some(0), 0));
 }
 
-/// A sweep tells rows, totals and what failed; it goes on where it was cut off, and what it kept fails again.
+/// A sweep tells rows, totals and what failed; it goes on where it was cut off, and what it kept
+/// fails again.
 #[test]
 fn a_sweep_can_be_cut_off_and_what_fails_is_kept() {
     let segment = "cycle = \"1ms\"\nfor = \"100ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\

@@ -1,5 +1,5 @@
-//! The conformance suite on stand-ins made from makers' descriptions: published files, looked for beside the
-//! project. What `run` brings into sync must not fail by the suite's own set-up.
+//! The conformance suite on stand-ins made from makers' descriptions: published files, looked for
+//! beside the project. What `run` brings into sync must not fail by the suite's own set-up.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

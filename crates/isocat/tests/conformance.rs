@@ -1,5 +1,5 @@
-//! The conformance suite: devices that behave pass, and of devices that do not, exactly the rule that they
-//! break fails.
+//! The conformance suite: devices that behave pass, and of devices that do not, exactly the rule
+//! that they break fails.
 
 use std::collections::BTreeSet;
 use std::sync::Mutex;
@@ -115,7 +115,8 @@ const BREAKERS: &[Breaker] = &[
     ("REC-05", DRIVE, &["keeps-error 0x002C"], &[]),
 ];
 
-/// The name of a device in a segment file: a built-in profile, or a changed one that is written for it.
+/// The name of a device in a segment file: a built-in profile, or a changed one that is written for
+/// it.
 fn device(name: &str) -> String {
     if name != WITH_SYNC1 {
         return name.to_owned();

@@ -1,4 +1,5 @@
-//! Propagation delays over a whole way up: what is measured, what can't be, and what is watched afterwards.
+//! Propagation delays over a whole way up: what is measured, what can't be, and what is watched
+//! afterwards.
 
 use isocat::{Nanos, NoTap, Scenario, SegmentFile, run};
 use isocat_esc::Chip;
@@ -115,8 +116,8 @@ fn fork_within_its_errors(hop_jitter: bool) {
 static JUNCTION: Chip =
     Chip { features: ET1100.features & !(features::DC | features::DC_64_BIT), ..ET1100 };
 
-/// Behind a junction without receive times nobody knows the delays. They are named, with the reason and what is
-/// possible, and the clocks run with the middle of it.
+/// Behind a junction without receive times nobody knows the delays. They are named, with the reason
+/// and what is possible, and the clocks run with the middle of it.
 #[test]
 fn a_junction_without_receive_times() {
     let mut setup = scenario(FORK).run().setup;
@@ -164,7 +165,8 @@ fn the_report_says_which_delay_is_not_known_and_why() {
     assert!(text.contains("SubDevice 3: its delay can't be known, "), "{text}");
 }
 
-/// In a line with a swapped cable SubDevices behind port 0 are processed before the one that they hang on.
+/// In a line with a swapped cable SubDevices behind port 0 are processed before the one that they
+/// hang on.
 #[test]
 fn a_swapped_cable_in_the_middle() {
     // What hops jitter counts but once where cables are swapped: without it.
@@ -246,7 +248,8 @@ fn a_latch_that_not_all_take_is_none() {
     assert!(after.delay_latches - before.delay_latches <= 1);
 }
 
-/// A cable of 90 m is replaced by one of 10 m: it is told, and with the setting the delay is put right.
+/// A cable of 90 m is replaced by one of 10 m: it is told, and with the setting the delay is put
+/// right.
 #[test]
 fn a_delay_that_changed_is_told_and_put_right_if_wished() {
     for rewrite in [false, true] {

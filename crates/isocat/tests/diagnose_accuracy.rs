@@ -42,8 +42,8 @@ struct Made {
 }
 
 impl Made {
-    /// On the way back alone, lost frames and such that were never sent look alike. A tap in the line
-    /// does not see frames that were lost before they came there.
+    /// On the way back alone, lost frames and such that were never sent look alike. A tap in the
+    /// line does not see frames that were lost before they came there.
     fn kind(&self, tap: usize, axis: usize) -> Option<&'static str> {
         match self.kind {
             Some("frames-lost") if tap == IN_LINE && axis == 1 => Some("cycles-skipped"),

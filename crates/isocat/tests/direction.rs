@@ -1,4 +1,5 @@
-//! Which clock leads: the reference clock's own quartz, or the host's clock by way of writes to 0x0910.
+//! Which clock leads: the reference clock's own quartz, or the host's clock by way of writes to
+//! 0x0910.
 
 use isocat::{Nanos, Scenario, SegmentFile};
 use isocat_maindevice::{Application, Cycle, Event};
@@ -9,7 +10,8 @@ use isocat_sync::phase::external::{Source, Stamps};
 use isocat_sync::phase::{Direction, State};
 use isocat_wire::time::{Picos, Time, True};
 
-/// Faster than the default, so that runs are short; the drift loops of the segment lag behind by 0.2 us meanwhile.
+/// Faster than the default, so that runs are short; the drift loops of the segment lag behind by
+/// 0.2 us meanwhile.
 const LIMITS: Limits = Limits { slew_ppb: 10_000, acceleration_ppb: 2_000, most: Nanos(1_000) };
 
 /// The built-in segment, its host 20 ppm fast against true time.
@@ -118,8 +120,8 @@ fn the_host_leads_the_reference_and_all_that_follow_it() {
     }
 }
 
-/// Frames that are held up behind their stamps: nothing of it is in the clocks if the reference leads, and what
-/// the figures of injection say if the host does.
+/// Frames that are held up behind their stamps: nothing of it is in the clocks if the reference
+/// leads, and what the figures of injection say if the host does.
 #[test]
 fn what_the_host_is_late_by_goes_into_the_clocks_only_if_it_leads() {
     let hold_ups = Delay { mean: Nanos(2_000), one_of: 0, more: (Nanos::ZERO, Nanos::ZERO) };
@@ -182,7 +184,8 @@ fn limits_of_zero_are_refused() {
     }
 }
 
-/// Clocks 200 ppm apart, at the longest cycle in which the host may lead; one step longer is refused.
+/// Clocks 200 ppm apart, at the longest cycle in which the host may lead; one step longer is
+/// refused.
 #[test]
 fn the_host_leads_up_to_a_cycle_of_2_ms() {
     let text = |cycle: &str| {

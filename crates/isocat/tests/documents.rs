@@ -170,7 +170,8 @@ fn each_line_of_the_readme_does_what_stands_beside_it() {
     fs::remove_dir_all(&folder).expect("a temporary folder");
 }
 
-/// What the lines of the documentation read: a segment, a ring, descriptions, an EEPROM, an ENI, a capture, and what a scan found.
+/// What the lines of the documentation read: a segment, a ring, descriptions, an EEPROM, an ENI, a
+/// capture, and what a scan found.
 fn furnish(folder: &Path) {
     let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/esi");
     let drive = text(&tests.join("box.xml")).replace(">Drive<", ">EL7041<");
@@ -196,7 +197,8 @@ fn furnish(folder: &Path) {
     }
 }
 
-/// What a line needs that is not here: an interface, a program of the reader's, somebody who looks on.
+/// What a line needs that is not here: an interface, a program of the reader's, somebody who looks
+/// on.
 const NEEDS_MORE: [&str; 8] = [
     "sudo ",
     "--interface",
@@ -225,7 +227,8 @@ fn each_line_of_the_documents_that_needs_no_wire_does_what_stands_beside_it() {
     for document in documents().iter().filter(|path| path.starts_with(root().join("docs"))) {
         let content = text(document);
         for block in blocks(&content, "```sh\n") {
-            // A table of rows is not written over another one, and `new` writes a segment of its own.
+            // A table of rows is not written over another one, and `new` writes a segment of its
+            // own.
             let _ = fs::remove_file(folder.join("out.csv"));
             fs::copy(folder.join("machine.toml"), folder.join("my.toml")).expect("a file");
             for line in block.lines().filter(|line| line.starts_with("isocat ")) {

@@ -1,5 +1,5 @@
-//! Drives behind SoE: what a description wants written is written at its transition, listed and exported; what is refused
-//! says which drive, which parameter and why.
+//! Drives behind SoE: what a description wants written is written at its transition, listed and
+//! exported; what is refused says which drive, which parameter and why.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,5 @@
-//! Real ENI files, where they are at hand: what is in them, every doubt, and whether they can be run.
+//! Real ENI files, where they are at hand: what is in them, every doubt, and whether they can be
+//! run.
 
 use std::path::{Path, PathBuf};
 

@@ -1,8 +1,9 @@
-//! What a configuration tool wrote, on a real wire: `isocat run network.xml --interface` against `isocat serve` over a veth
-//! pair in a namespace of the test's own, and against `isocat virtual`.
+//! What a configuration tool wrote, on a real wire: `isocat run network.xml --interface` against
+//! `isocat serve` over a veth pair in a namespace of the test's own, and against `isocat virtual`.
 //!
-//! Needs root and the command `ip`; without them each test says so and passes. A machine that stalls throws devices out of sync
-//! with good reason: such a run is recognized by what it measured, and tried again.
+//! Needs root and the command `ip`; without them each test says so and passes. A machine that
+//! stalls throws devices out of sync with good reason: such a run is recognized by what it
+//! measured, and tried again.
 
 #![cfg(target_os = "linux")]
 

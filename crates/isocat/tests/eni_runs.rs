@@ -1,4 +1,5 @@
-//! `isocat run`, `plan` and `scan` with an ENI in the place of a segment file: exit codes, texts, the document and its schema.
+//! `isocat run`, `plan` and `scan` with an ENI in the place of a segment file: exit codes, texts,
+//! the document and its schema.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,4 +1,5 @@
-//! Import of device descriptions: what is read, what is doubted, what is refused, and how long that takes.
+//! Import of device descriptions: what is read, what is doubted, what is refused, and how long that
+//! takes.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -167,7 +168,8 @@ fn the_virtual_device_is_what_the_file_says() {
     assert!(line.contains("Cover"), "{stopped}");
 }
 
-/// The EEPROM of a description says how SYNC pulses end; how soon its program acknowledges them, a segment file does.
+/// The EEPROM of a description says how SYNC pulses end; how soon its program acknowledges them, a
+/// segment file does.
 #[test]
 fn a_described_device_acknowledges_its_pulses() {
     let acknowledged = BOX.replace("050E03ee1027", "050E03ee0000");
@@ -764,8 +766,8 @@ fn files_that_ask_for_too_much() {
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
 }
 
-/// Damaged descriptions are refused or read, whole devices or without some, but nothing panics: not the
-/// import, and not the virtual devices of it.
+/// Damaged descriptions are refused or read, whole devices or without some, but nothing panics: not
+/// the import, and not the virtual devices of it.
 #[test]
 fn damaged_files_are_no_panic() {
     let (mut broken, mut read, mut built) = (0, 0, 0);

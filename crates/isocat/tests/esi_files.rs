@@ -1,5 +1,5 @@
-//! Real descriptions, which belong to their makers and are not part of the project: they are looked for
-//! beside it. What is kept here are counts.
+//! Real descriptions, which belong to their makers and are not part of the project: they are looked
+//! for beside it. What is kept here are counts.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;
@@ -230,8 +230,8 @@ fn boot(devices: &[(&Ready, usize)], cycle: Nanos) -> Result<(), (String, String
     }
 }
 
-/// The result of each trial. Equal ones are brought up once; several stand in one segment, and each alone if
-/// that does not come up.
+/// The result of each trial. Equal ones are brought up once; several stand in one segment, and each
+/// alone if that does not come up.
 fn results(trials: &[Trial]) -> Vec<(String, String)> {
     let mut representatives: BTreeMap<Nanos, Vec<usize>> = BTreeMap::new();
     let mut of_key: HashMap<&str, usize> = HashMap::new();
@@ -266,8 +266,8 @@ fn results(trials: &[Trial]) -> Vec<(String, String)> {
     trials.iter().map(of).collect()
 }
 
-/// Every device comes to OP in each of its OpModes and is in sync there, or there is a reason with a name.
-/// Equal configurations are brought up once. With `--nocapture` the whole table is printed.
+/// Every device comes to OP in each of its OpModes and is in sync there, or there is a reason with
+/// a name. Equal configurations are brought up once. With `--nocapture` the whole table is printed.
 #[test]
 fn every_device_in_every_op_mode() {
     let files = files();
@@ -305,7 +305,8 @@ fn every_device_in_every_op_mode() {
     golden("esi_boots.txt", &summary);
 }
 
-/// A drive that has an OpMode with SYNC0 runs with SYNC0 if nothing is asked for, wherever its profile stands.
+/// A drive that has an OpMode with SYNC0 runs with SYNC0 if nothing is asked for, wherever its
+/// profile stands.
 #[test]
 fn drives_run_with_sync0_by_default() {
     let files = files();

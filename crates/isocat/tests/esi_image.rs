@@ -1,4 +1,5 @@
-//! Described devices whose process data are in several SyncManagers, or are the registers of digital outputs.
+//! Described devices whose process data are in several SyncManagers, or are the registers of
+//! digital outputs.
 
 use isocat::esi::EsiFile;
 use isocat::plan::Plan;
@@ -65,8 +66,8 @@ fn run_of(segment: SegmentFile) -> Report {
     report
 }
 
-/// What the plan writes: (address, first byte, length, control or type) of SyncManagers that are on, and of FMMUs with
-/// their place in the image.
+/// What the plan writes: (address, first byte, length, control or type) of SyncManagers that are
+/// on, and of FMMUs with their place in the image.
 type Written = (Vec<(u16, u16, u16, u8)>, Vec<(u32, u16, u16, u8)>);
 
 fn written(segment: SegmentFile) -> Written {
@@ -89,7 +90,8 @@ fn written(segment: SegmentFile) -> Written {
     (managers, fmmus)
 }
 
-/// Registers as outputs, and inputs in the memory: control bytes are the file's, and one FMMU maps adjacent bytes.
+/// Registers as outputs, and inputs in the memory: control bytes are the file's, and one FMMU maps
+/// adjacent bytes.
 #[test]
 fn digital_outputs_are_registers() {
     let managers = [(0x0F02, 0x44, 8), (0x0F03, 0x44, 3), (0x1000, 0x00, 16)];
@@ -144,8 +146,8 @@ fn sync0_moves_digital_outputs() {
     assert_eq!((delay.min_ns, delay.max_ns), (0.0, 0.0), "the pulse itself moves them");
 }
 
-/// A terminal that samples five times in a cycle: the samples of both channels are exchanged, and their instants, the SYNC0
-/// pulses, are in the waveforms.
+/// A terminal that samples five times in a cycle: the samples of both channels are exchanged, and
+/// their instants, the SYNC0 pulses, are in the waveforms.
 #[test]
 fn the_instants_of_samples_are_in_the_waveforms() {
     let dc = "<Dc><OpMode><Name>5</Name><AssignActivate>#x730</AssignActivate>\
@@ -224,8 +226,8 @@ fn where_the_limits_are() {
     assert_eq!((overlap(0x1106), overlap(0x1105)), (None, Some(Obstacle::MemoryOverlap)));
 }
 
-/// Process data of hundreds of bytes come up; what one datagram carries beside the drift datagram and AL status is the most, and
-/// one byte more is refused by the plan.
+/// Process data of hundreds of bytes come up; what one datagram carries beside the drift datagram
+/// and AL status is the most, and one byte more is refused by the plan.
 #[test]
 fn long_process_data() {
     let device = |outputs: u16, inputs: u16| {

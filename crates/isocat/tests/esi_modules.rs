@@ -1,4 +1,5 @@
-//! Modules in the slots of modular devices: which stand where, what they bring, and what is refused.
+//! Modules in the slots of modular devices: which stand where, what they bring, and what is
+//! refused.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
-//! What a description says about the way up, found again in the start-up list: InitCmds with their transitions, control
-//! bytes, ports, the device that was meant; and what is left out, told.
+//! What a description says about the way up, found again in the start-up list: InitCmds with their
+//! transitions, control bytes, ports, the device that was meant; and what is left out, told.
 
 use std::path::PathBuf;
 use std::process::{Command, Output};
@@ -150,7 +150,8 @@ fn what_is_left_out_is_told() {
     }
 }
 
-/// Inputs beside outputs keep a control byte without AL event; alone they need it, and the list says so.
+/// Inputs beside outputs keep a control byte without AL event; alone they need it, and the list
+/// says so.
 #[test]
 fn control_bytes_are_those_of_the_file() {
     let silent = "ControlByte=\"#x00\" DefaultSize=\"7\"";
@@ -186,7 +187,8 @@ fn ports_are_the_letters_of_the_file() {
     }
 }
 
-/// Two products of one type and revision are told apart by their product codes; one type need not be named.
+/// Two products of one type and revision are told apart by their product codes; one type need not
+/// be named.
 #[test]
 fn a_device_is_chosen_by_its_product_code() {
     let twice =
@@ -246,8 +248,8 @@ fn a_file_without_a_usable_device_is_bad_input() {
     assert_eq!(isocat(&["devices", &one_usable.0.display().to_string()]).status.code(), Some(0));
 }
 
-/// What is planned comes up: an OpMode without SYNC of a device that announces none without, types of which one can't be
-/// written, a mailbox without protocol.
+/// What is planned comes up: an OpMode without SYNC of a device that announces none without, types
+/// of which one can't be written, a mailbox without protocol.
 #[test]
 fn what_the_plan_takes_comes_up() {
     let announced =

@@ -1,5 +1,5 @@
-//! What the command prints first where a segment is not in sync: cause and remedy, where the remedy is written, and that it helps.
-//! And equal devices told as one.
+//! What the command prints first where a segment is not in sync: cause and remedy, where the remedy
+//! is written, and that it helps. And equal devices told as one.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

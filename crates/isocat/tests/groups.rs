@@ -1,4 +1,5 @@
-//! Groups of SubDevices with different cycles in one segment: what travels in which bus cycle, seen on the wire.
+//! Groups of SubDevices with different cycles in one segment: what travels in which bus cycle, seen
+//! on the wire.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -140,8 +141,8 @@ const MANY: &str = r#"
     count = 80
 "#;
 
-/// The wire is busy for what the plan says of each frame, divided by how seldom it goes. Groups of little data may take
-/// more than one frame for all would; one of much data takes its part.
+/// The wire is busy for what the plan says of each frame, divided by how seldom it goes. Groups of
+/// little data may take more than one frame for all would; one of much data takes its part.
 #[test]
 fn slow_groups_take_their_share_of_the_wire() {
     let busy = |text: &str| {
@@ -196,8 +197,8 @@ fn groups_allocate_nothing() {
     assert_eq!(allocations.count_total, 0, "{allocations:?}");
 }
 
-/// A host that stands still for some cycles sends each group in its cycles again, as its pulses went on. The group whose
-/// cycle it slept through waits for the next one.
+/// A host that stands still for some cycles sends each group in its cycles again, as its pulses
+/// went on. The group whose cycle it slept through waits for the next one.
 #[test]
 fn a_stall_keeps_groups_and_pulses_together() {
     for stalled in [3_300, 5_700, 11_200] {

@@ -1,4 +1,5 @@
-//! Groups that may be absent, as a user runs them: planned for, taken up at any cycle, and refused where they could not be.
+//! Groups that may be absent, as a user runs them: planned for, taken up at any cycle, and refused
+//! where they could not be.
 
 use isocat::{Scenario, SegmentFile};
 use isocat_sim::Tap;
@@ -43,7 +44,8 @@ fn the_way_through_a_group_that_is_absent_is_in_the_plan() {
     let never = isocat::run(&scenario(&LONG_WAY.replace("\"1s\"", "\"60s\"")));
     assert!(there.in_sync && never.in_sync, "{}, {}", there.verdict, never.verdict);
     assert!(never.verdict.contains("25 optional ones are absent"), "{}", never.verdict);
-    // The same phase whether the group is there or not; the estimate of an absent one's way is above, by 1 us at most.
+    // The same phase whether the group is there or not; the estimate of an absent one's way is
+    // above, by 1 us at most.
     let phase =
         |report: &isocat::Report| report.segment.plan.as_ref().expect("a plan").sync0_phase_ns;
     let (late, there, never) = (phase(&late), phase(&there), phase(&never));

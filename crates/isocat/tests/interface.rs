@@ -1,9 +1,9 @@
-//! The main job on a real wire: the command on one end of a veth pair, a simulated segment behind a raw
-//! socket on the other. Everything is in a network namespace of the test's own.
+//! The main job on a real wire: the command on one end of a veth pair, a simulated segment behind a
+//! raw socket on the other. Everything is in a network namespace of the test's own.
 //!
-//! Needs root and the command `ip`; without them each test says so and passes. A machine that stalls (a
-//! busy virtual one does, for tens of milliseconds) throws devices out of sync with good reason: such
-//! a run is recognized by what it measured, and tried again.
+//! Needs root and the command `ip`; without them each test says so and passes. A machine that
+//! stalls (a busy virtual one does, for tens of milliseconds) throws devices out of sync with good
+//! reason: such a run is recognized by what it measured, and tried again.
 
 #![cfg(target_os = "linux")]
 
@@ -140,7 +140,8 @@ fn report(output: &Output) -> Value {
         .unwrap_or_else(|error| panic!("{error}: {}{}", text(&output.stdout), text(&output.stderr)))
 }
 
-/// Runs until the machine did not stall, and gives that run; `None`, with a word, if it always does.
+/// Runs until the machine did not stall, and gives that run; `None`, with a word, if it always
+/// does.
 fn without_stalls(mut run: impl FnMut() -> Output) -> Option<(Output, Value)> {
     for _ in 0..5 {
         let output = run();
@@ -295,7 +296,8 @@ fn a_scan_over_a_wire_finds_what_is_there() {
         }
         let ns = |report: &Value| report["delay"]["ns"].as_f64().expect("a delay");
         assert!((ns(found) - ns(&expected)).abs() < 40.0, "{found:#}");
-        // Its error grows where the machine wakes late from the time between the latches: not beyond this.
+        // Its error grows where the machine wakes late from the time between the latches: not
+        // beyond this.
         let of_clock = |report: &Value, key: &str| report["clock"][key].as_f64().expect("a figure");
         let off = of_clock(found, "speed_ppm") - of_clock(&expected, "speed_ppm");
         let error = of_clock(found, "speed_error_ppm") + of_clock(&expected, "speed_error_ppm");
@@ -308,8 +310,8 @@ fn a_scan_over_a_wire_finds_what_is_there() {
     assert!(message.contains("ic-scan: no frame came back in"), "{message}");
 }
 
-/// Somebody cleared bit 0 of 0x0100 at every device, so that frames come back with their own source address: they are
-/// answers all the same, and marked again behind the scan.
+/// Somebody cleared bit 0 of 0x0100 at every device, so that frames come back with their own source
+/// address: they are answers all the same, and marked again behind the scan.
 #[test]
 fn a_segment_that_does_not_mark_frames_is_scanned() {
     let Some(wire) = wire("ic-mark") else { return };

@@ -114,7 +114,8 @@ fn neither_side_knows_the_other() {
     );
 }
 
-/// The arrows of the house, all of them, tests aside: what each package may depend on. A package that is not named here may not be.
+/// The arrows of the house, all of them, tests aside: what each package may depend on. A package
+/// that is not named here may not be.
 const ARROWS: [(&str, &[&str]); 22] = [
     ("wire", &[]),
     ("captures", &["wire"]),
@@ -212,7 +213,8 @@ fn packages_depend_only_on_those_above() {
             } else if BELOW.contains(&package) {
                 let chance = package == "sim" && name.starts_with("rand");
                 let bus = package == "lan925x" && name == "embedded-hal";
-                // The lock that lets a MainDevice move to another thread, without std and without unsafe code of ours.
+                // The lock that lets a MainDevice move to another thread, without std and without
+                // unsafe code of ours.
                 let lock = package == "maindevice" && name == "spin";
                 // The sine of a motion, without std, and with the same bits on every platform.
                 let sine = package == "maindevice" && name == "libm";
@@ -339,7 +341,8 @@ fn nothing_searches_our_own_words() {
     assert!(found.is_empty(), "go by the type, not by its words:\n{}", found.join("\n"));
 }
 
-/// Comments are as wide as the code, which rustfmt does not see to. Rows of tables, addresses and blocks of code can't be broken.
+/// Comments are as wide as the code, which rustfmt does not see to. Rows of tables, addresses and
+/// blocks of code can't be broken.
 #[test]
 fn comments_keep_to_a_hundred_columns() {
     let mut too_wide = Vec::new();

@@ -1,5 +1,5 @@
-//! What does not end, nests without end or has no measure is refused at every door, within bounds of memory and time,
-//! and segment files cost what their length is.
+//! What does not end, nests without end or has no measure is refused at every door, within bounds
+//! of memory and time, and segment files cost what their length is.
 
 use std::fmt::Write as _;
 use std::time::Instant;
@@ -89,8 +89,8 @@ fn tables(count: usize) -> String {
     text
 }
 
-/// Four times as many tables may take eight times as long, not sixteen times: other programs run beside this one, so the
-/// best of three tries counts.
+/// Four times as many tables may take eight times as long, not sixteen times: other programs run
+/// beside this one, so the best of three tries counts.
 #[test]
 fn segment_files_cost_what_their_length_is() {
     let span = |count: usize| {

@@ -1,5 +1,5 @@
-//! docs/examples/machine-in-ci, as somebody uses it: the folder is copied and its one command is run, once as it is and once with a
-//! machine that can't hold what is expected of it.
+//! docs/examples/machine-in-ci, as somebody uses it: the folder is copied and its one command is
+//! run, once as it is and once with a machine that can't hold what is expected of it.
 #![cfg(unix)]
 
 use std::path::{Path, PathBuf};
@@ -14,7 +14,8 @@ fn copy(name: &str, change: impl FnOnce(String) -> String) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     // What an earlier run left.
     let _ = std::fs::remove_dir_all(&folder);
-    // By a program of its own: a script that this one has open for writing, in any thread, can't be run.
+    // By a program of its own: a script that this one has open for writing, in any thread, can't be
+    // run.
     let copied = Command::new("cp").arg("-r").arg(example()).arg(&folder).status();
     assert!(copied.expect("cp starts").success());
     // Results of somebody who tried the example where it is.
@@ -34,7 +35,8 @@ fn job(folder: &Path) -> Output {
         .expect("it starts")
 }
 
-/// What a test came to, by its name, as a reader of XML sees it; and the counts of the suite: tests, failures, errors.
+/// What a test came to, by its name, as a reader of XML sees it; and the counts of the suite:
+/// tests, failures, errors.
 fn junit(folder: &Path) -> (Vec<(String, Option<String>)>, [String; 3]) {
     let path = folder.join("results/junit.xml");
     let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path:?}: {error}"));
@@ -73,8 +75,8 @@ fn the_machine_holds_what_is_expected_of_it() {
     assert_eq!(kept, 0, "no run failed");
 }
 
-/// With a cycle of 4 ms the reference time comes too seldom for the infeed's clock: the job fails, says so in its JUnit, and the runs
-/// that failed are there to be repeated.
+/// With a cycle of 4 ms the reference time comes too seldom for the infeed's clock: the job fails,
+/// says so in its JUnit, and the runs that failed are there to be repeated.
 #[test]
 fn a_machine_that_does_not_hold_it_fails_the_job() {
     let folder = copy("machine-in-ci-fails", |machine| {

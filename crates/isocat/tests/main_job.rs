@@ -72,7 +72,8 @@ fn without_drift_compensation_the_same_judge_sees_clocks_run_apart() {
         assert!((1.0..1.1).contains(&(worst / expected)), "device {position}: {worst} ns");
     }
     assert!(findings(&report).contains("off the grid"), "{}", findings(&report));
-    // SYNC0 has slid into the arrival of the frames: both devices have fallen, and are reported fallen.
+    // SYNC0 has slid into the arrival of the frames: both devices have fallen, and are reported
+    // fallen.
     for position in [1, 4] {
         let device = &report.devices[position];
         assert_eq!(device.registers.al_status.to_string(), "SAFEOP+ERR", "{}", device.name);
@@ -111,8 +112,8 @@ fn the_copy_time_may_use_the_last_nanosecond_but_no_more() {
             let too_small = counters.cycle_time_too_small.unwrap_or(0);
             assert_eq!(too_small, 0, "{}", device.name);
             if device.position == late {
-                // Three for each miss, until the limit of 0x10F1:02 is passed: the device never sees a
-                // valid sequence, and after its time-out refuses OP.
+                // Three for each miss, until the limit of 0x10F1:02 is passed: the device never
+                // sees a valid sequence, and after its time-out refuses OP.
                 assert!(counted > 4, "{}: 0x1C32:0B = {counted}", device.name);
                 assert_eq!(device.registers.al_status.to_string(), "SAFEOP+ERR");
                 assert_eq!(device.registers.al_status_code, 0x001A);

@@ -1,4 +1,5 @@
-//! Segments of the size that the field speaks of: a hundred SubDevices from cold, three hundred on 120 m of cable.
+//! Segments of the size that the field speaks of: a hundred SubDevices from cold, three hundred on
+//! 120 m of cable.
 
 use std::fmt::Write;
 
@@ -8,8 +9,9 @@ use isocat::{Nanos, NoTap, Report, Scenario, SegmentFile};
 use isocat_esc::Chip;
 use isocat_wire::Picos;
 
-/// Clocks from -50 to +50 ppm without order, counters anywhere, CoE mailboxes: all in OP, and every SYNC0 within
-/// 100 ns of the grid in true time. What that takes in virtual time and frames has a limit on either side.
+/// Clocks from -50 to +50 ppm without order, counters anywhere, CoE mailboxes: all in OP, and every
+/// SYNC0 within 100 ns of the grid in true time. What that takes in virtual time and frames has a
+/// limit on either side.
 #[test]
 fn a_hundred_from_cold() {
     let mut text = String::from("cycle = \"1ms\"\nfor = \"2s\"\nseed = 7\n");
@@ -70,7 +72,8 @@ fn clocks_of_a_long_line_stay_together_at_a_long_cycle() {
     assert!((20.0..250.0).contains(&worst), "{worst}");
 }
 
-/// Mean and spread of the last SubDevice's SYNC0 against the first's, ns in true time, of 300 on 120 m.
+/// Mean and spread of the last SubDevice's SYNC0 against the first's, ns in true time, of 300 on
+/// 120 m.
 fn last_of_three_hundred(chip: &Chip) -> (f64, f64) {
     let text = "cycle = \"1ms\"\nfor = \"300ms\"\n[[subdevice]]\ndevice = \"model_every_mode\"\nmode = \"dc-sync0\"\n\
                 cable = \"400mm\"\ncount = 300\n";
@@ -80,7 +83,8 @@ fn last_of_three_hundred(chip: &Chip) -> (f64, f64) {
         device.clock = Clock::Given(Ppb::ppm(i as i64 * 37 % 101 - 50));
     }
     let mut run = scenario.run();
-    // The burst of drift frames goes on until what is left of the drift is below what is to be seen.
+    // The burst of drift frames goes on until what is left of the drift is below what is to be
+    // seen.
     run.setup.config.drift_threshold = Nanos(15);
     run.setup.config.clock_error = Some(Nanos(200));
     for connection in &mut run.setup.segment {
@@ -94,8 +98,9 @@ fn last_of_three_hundred(chip: &Chip) -> (f64, f64) {
     ((last.mean() - first.mean()) / 1e3, last.standard_deviation() / 1e3)
 }
 
-/// Quantisation does not add up along a line: identical ESCs whose two delays are known are nearly exact. A delay that
-/// differs from what is known by 1 ns in each ESC adds half of that per hop: 298 / 2 = 149 ns.
+/// Quantisation does not add up along a line: identical ESCs whose two delays are known are nearly
+/// exact. A delay that differs from what is known by 1 ns in each ESC adds half of that per hop:
+/// 298 / 2 = 149 ns.
 #[test]
 fn three_hundred_on_120_m() {
     let chip = &isocat_esc::chip::ET1100;

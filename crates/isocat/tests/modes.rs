@@ -1,5 +1,5 @@
-//! Every synchronization mode, seen in true time: the timeline of two cycles is a golden text, and what the mode
-//! promises is judged with the figures that the device states.
+//! Every synchronization mode, seen in true time: the timeline of two cycles is a golden text, and
+//! what the mode promises is judged with the figures that the device states.
 
 use std::path::Path;
 
@@ -8,7 +8,8 @@ use isocat::timeline::{Moment, Timeline, record};
 use isocat::{Nanos, Scenario, SegmentFile};
 use isocat_sim::HostModel;
 
-/// What the device states, ns: 0x1C32:06, 0x1C32:09, 0x1C33:06, 0x1C33:09, and its application's time.
+/// What the device states, ns: 0x1C32:06, 0x1C32:09, 0x1C33:06, 0x1C33:09, and its application's
+/// time.
 const COPY: i64 = 20_000;
 const DELAY: i64 = 30_000;
 const INPUT_COPY: i64 = 12_000;

@@ -1,5 +1,5 @@
-//! 0x1C32 and 0x1C33 of real devices, read over the wire sub-index by sub-index, against their makers'
-//! tables: type, access, value; and what happens when each is written.
+//! 0x1C32 and 0x1C33 of real devices, read over the wire sub-index by sub-index, against their
+//! makers' tables: type, access, value; and what happens when each is written.
 
 use isocat::{NoTap, Scenario, SegmentFile};
 use isocat_maindevice::segment::SyncObject;

@@ -1,5 +1,5 @@
-//! The OpModes of several hundred published device revisions, at four bus cycles: every one has its registers
-//! or its reason, and the doubts are counted.
+//! The OpModes of several hundred published device revisions, at four bus cycles: every one has its
+//! registers or its reason, and the doubts are counted.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;

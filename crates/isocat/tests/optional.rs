@@ -1,5 +1,5 @@
-//! What is optional stays optional: each optional service of a SubDevice in the middle of a segment answered badly in turn,
-//! and a SubDevice that does not come up at all.
+//! What is optional stays optional: each optional service of a SubDevice in the middle of a segment
+//! answered badly in turn, and a SubDevice that does not come up at all.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -125,7 +125,8 @@ fn a_sii_without_end_is_read_as_far_as_it_goes() {
     assert_eq!(named, [Service::Categories], "{:#?}", report.services);
 }
 
-/// Refuses SAFEOP, or OP, or PREOP: alone it ends the way up and the others go back to INIT; tolerated, it is left out.
+/// Refuses SAFEOP, or OP, or PREOP: alone it ends the way up and the others go back to INIT;
+/// tolerated, it is left out.
 #[test]
 fn a_device_that_does_not_come_up_is_left_out_if_that_is_wanted() {
     for (state, rest) in [("PREOP", "pre-op"), ("SAFEOP", "safe-op"), ("OP", "op")] {
@@ -184,8 +185,8 @@ impl Tap for Accesses {
     }
 }
 
-/// The first of equal devices has an EEPROM that says something else behind the start, or has no end: that is its own
-/// affair, and the others are read.
+/// The first of equal devices has an EEPROM that says something else behind the start, or has no
+/// end: that is its own affair, and the others are read.
 #[test]
 fn a_damaged_sii_is_nobody_elses() {
     let text =
@@ -217,7 +218,8 @@ fn a_damaged_sii_is_nobody_elses() {
     assert_eq!(named, [Some(0)], "{:#?}", report.findings);
 }
 
-/// Equal devices share what two of them have; one of them of another revision has its own, and serial numbers stay each one's.
+/// Equal devices share what two of them have; one of them of another revision has its own, and
+/// serial numbers stay each one's.
 #[test]
 fn siis_that_are_alike_are_shared() {
     let text =
@@ -229,7 +231,8 @@ fn siis_that_are_alike_are_shared() {
         for (at, connection) in run.setup.segment.iter_mut().enumerate() {
             let mut image = connection.device.sii.to_vec();
             image[0x1C] = at as u8;
-            // Another revision, and another mailbox that nobody uses: what only its own SII can tell.
+            // Another revision, and another mailbox that nobody uses: what only its own SII can
+            // tell.
             if at == 50 {
                 image[0x18] ^= 1;
                 image[0x30] = 7;

@@ -1,4 +1,5 @@
-//! Files that the command writes appear whole or not at all: what stood there before survives a run that fails.
+//! Files that the command writes appear whole or not at all: what stood there before survives a run
+//! that fails.
 #![cfg(unix)]
 
 use std::path::{Path, PathBuf};

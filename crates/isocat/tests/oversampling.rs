@@ -1,4 +1,5 @@
-//! Devices that oversample: each sample at its own SYNC0, whole sets, and what is found where they are not whole.
+//! Devices that oversample: each sample at its own SYNC0, whole sets, and what is found where they
+//! are not whole.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -17,7 +18,8 @@ use isocat_sync::{Step, SyncMode};
 use isocat_wire::time::{Time, True};
 use vcd::{Command, Parser, ScopeItem, Value};
 
-/// A device with one direction: a count of 16 bits, and behind it an entry that stands there `factor` times.
+/// A device with one direction: a count of 16 bits, and behind it an entry that stands there
+/// `factor` times.
 fn description(outputs: bool, entry: u16, factor: u16, sync0: &str) -> String {
     let (kind, purpose, control) = match outputs {
         true => ("RxPdo", "Outputs", "#x44"),
@@ -107,7 +109,8 @@ fn watch(scenario: &Scenario) -> (Watch, Report) {
     (outcome.world.into_tap().expect("the tap"), report)
 }
 
-/// The signal as it is documented: a sawtooth of 10 ms over the whole range, which begins with the run.
+/// The signal as it is documented: a sawtooth of 10 ms over the whole range, which begins with the
+/// run.
 fn signal(at_ps: u64, bits: u32) -> u32 {
     const PERIOD: u128 = 10_000_000_000;
     (u128::from(at_ps) % PERIOD * (1 << bits) / PERIOD) as u32
@@ -120,15 +123,18 @@ fn unpack(image: &[u8], bits: usize) -> Vec<u32> {
     (COUNT_BITS..image.len() * 8 + 1 - bits).step_by(bits).map(sample).collect()
 }
 
-/// A step of the ESC's clock, and what both clocks may be off in the time from one sample to the next.
+/// A step of the ESC's clock, and what both clocks may be off in the time from one sample to the
+/// next.
 fn is_even(found_ps: u64, wanted_ps: u64) -> bool {
     found_ps.abs_diff(wanted_ps) <= 10_000 + wanted_ps * 25 / 1_000_000
 }
 
-/// Looks at everything of a device that samples inputs: `pulses` samples of so many bits in a cycle of 1 ms.
+/// Looks at everything of a device that samples inputs: `pulses` samples of so many bits in a cycle
+/// of 1 ms.
 fn check_inputs(pulses: u16, bits: u32, entry: u16, factor: u16) -> (Watch, Samples) {
     let text = description(false, entry, factor, &parts(pulses));
-    // A program with the times that are assumed of one can't have so short a SYNC0: device emulation has none.
+    // A program with the times that are assumed of one can't have so short a SYNC0: device
+    // emulation has none.
     let (text, keys) = match pulses {
         ..100 => (text, ""),
         _ => (text.replace("040C00", "040D00"), "pulse = \"500ns\"\n"),
@@ -278,7 +284,8 @@ fn waves_have_each_sample_at_its_instant() {
     }
 }
 
-/// Four samples of outputs: the first acts with SYNC1, each further one with its SYNC0, with the value that came for it.
+/// Four samples of outputs: the first acts with SYNC1, each further one with its SYNC0, with the
+/// value that came for it.
 #[test]
 fn samples_of_outputs_act_at_their_instants() {
     let mut keys = String::new();
@@ -337,7 +344,8 @@ fn incomplete(scenario: &Scenario) -> (Option<serde_json::Value>, Vec<&'static s
     (found, kinds)
 }
 
-/// SYNC0 has a cycle of its own, so a bus cycle that is one shorter or one longer brings another number of pulses.
+/// SYNC0 has a cycle of its own, so a bus cycle that is one shorter or one longer brings another
+/// number of pulses.
 #[test]
 fn a_bus_cycle_with_other_pulses_is_found() {
     for (outputs, entry) in [(false, 16), (true, 8)] {
@@ -372,7 +380,8 @@ fn samples_without_sync0_are_found() {
     }
 }
 
-/// Pulses that are longer than the distance of two samples make no edge: the device has no whole set, and does not get into OP.
+/// Pulses that are longer than the distance of two samples make no edge: the device has no whole
+/// set, and does not get into OP.
 #[test]
 fn pulses_without_an_edge_are_not_silent() {
     let text = description(false, 16, 10, &parts(10));

@@ -1,4 +1,5 @@
-//! The plan: what it says of known segments, that it holds in true time, and that it is what a run does.
+//! The plan: what it says of known segments, that it holds in true time, and that it is what a run
+//! does.
 
 use std::cell::RefCell;
 use std::path::Path;
@@ -104,8 +105,8 @@ const MODES: &str = r#"
     mode = "free-run"
 "#;
 
-/// No line and no event beyond its bound, and each bound within its factor; MinimumCycle alone may be loose:
-/// a device states what it needs at most, whatever it does.
+/// No line and no event beyond its bound, and each bound within its factor; MinimumCycle alone may
+/// be loose: a device states what it needs at most, whatever it does.
 fn holds(mut scenario: Scenario, milliseconds: i64) -> PlanReport {
     scenario.duration = Nanos::millis(milliseconds);
     let plan = Plan::of(&scenario).expect("a plan");
@@ -197,7 +198,8 @@ fn the_plan_of_several_cycle_times_holds() {
     let other = text.replace("mode = \"dc-sync1\"", "mode = \"dc-subordinated\"");
     let error = SegmentFile::parse("other.toml", &other).expect_err("faster").to_string();
     assert!(error.contains("any other mode than \"dc-subordinated\""), "{error}");
-    // Whoever follows the frames, and has a timer behind them, in a group of its own and together with others.
+    // Whoever follows the frames, and has a timer behind them, in a group of its own and together
+    // with others.
     for cycle in ["2ms", "3ms", "5ms"] {
         let keys = format!("mode = \"sm\"\n cycle = \"{cycle}\"");
         let sm = text.replace("mode = \"dc-sync1\"\n        cycle = \"5ms\"", &keys);
@@ -311,8 +313,8 @@ fn a_base_cycle_of_two_pulses_has_two_phases() {
     assert!(note.what.contains("2 phases"), "{}", note.what);
 }
 
-/// The phase that is suggested leaves the same on both sides, and the cycle is the smallest: one step less does
-/// not fit.
+/// The phase that is suggested leaves the same on both sides, and the cycle is the smallest: one
+/// step less does not fit.
 #[test]
 fn the_suggestion_is_the_best_there_is() {
     for text in [SegmentFile::built_in_text(), TREE, LINE, MODES] {

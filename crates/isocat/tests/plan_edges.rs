@@ -1,8 +1,9 @@
-//! Each kind of line of the plan at its edge: slack 0 ns runs clean, -1 ns raises exactly the sign that the line
-//! predicts, and nothing else.
+//! Each kind of line of the plan at its edge: slack 0 ns runs clean, -1 ns raises exactly the sign
+//! that the line predicts, and nothing else.
 //!
-//! All clocks are ideal and the host is never late, so that each cycle is like the other. What is then left
-//! between plan and truth are ticks of 10 ns; the first run measures it, and the plan gets it as its clock error.
+//! All clocks are ideal and the host is never late, so that each cycle is like the other. What is
+//! then left between plan and truth are ticks of 10 ns; the first run measures it, and the plan
+//! gets it as its clock error.
 
 use isocat::plan::{Plan, proof};
 use isocat::profile::{Overrides, Profile};
@@ -80,7 +81,8 @@ fn edge(check: Check, step: i64, at: impl Fn(i64) -> Scenario) {
         )
     };
     assert!((0..step).contains(&exact.planned), "{}", found(&exact));
-    // The time that a device with DC states for its cycle is its own, and more than what can be seen.
+    // The time that a device with DC states for its cycle is its own, and more than what can be
+    // seen.
     let own = check == Check::MinimumCycle && exact.measured > Some(0);
     assert!(exact.measured.is_none_or(|seen| seen == exact.planned || own), "{}", found(&exact));
     assert!(exact.in_sync && exact.late.is_empty(), "{}", found(&exact));
@@ -177,8 +179,8 @@ fn outputs_calculated_at_sync1() {
     });
 }
 
-/// Register 0x09A4 in ticks of 10 ns. With SYNC1 so late the inputs miss the next frame, as their line says; the
-/// device does not mind.
+/// Register 0x09A4 in ticks of 10 ns. With SYNC1 so late the inputs miss the next frame, as their
+/// line says; the device does not mind.
 #[test]
 fn sync1_before_the_next_sync0() {
     let with = |sync1| {
@@ -212,8 +214,8 @@ fn inputs_there_when_the_frame_begins() {
     }
 }
 
-/// Without outputs the reads are counted: one between two pulses. A host that is either in time or as late as was
-/// planned puts them on both sides of the pulse. Pulses come on ticks of 10 ns.
+/// Without outputs the reads are counted: one between two pulses. A host that is either in time or
+/// as late as was planned puts them on both sides of the pulse. Pulses come on ticks of 10 ns.
 #[test]
 fn inputs_read_at_the_pulse_that_counts_the_reads() {
     for keys in [SYNC0, SHIFT_SYNC1, SYNC1, SUBORDINATED] {
@@ -310,8 +312,8 @@ fn sync0_acknowledged_before_the_next_pulse() {
     }
 }
 
-/// All that it does takes what it states. With a host in time that is the whole cycle; else the cycle is longer by
-/// what the host may be late.
+/// All that it does takes what it states. With a host in time that is the whole cycle; else the
+/// cycle is longer by what the host may be late.
 #[test]
 fn a_local_cycle_as_long_as_the_bus_cycle() {
     for jitter in [0, 20_000] {
@@ -334,8 +336,8 @@ fn a_sync0_cycle_as_short_as_the_device_can() {
     });
 }
 
-/// Frames that fill the cycle but for one acyclic frame. A nanosecond less, and the acyclic ones of the way up push the
-/// next cycle.
+/// Frames that fill the cycle but for one acyclic frame. A nanosecond less, and the acyclic ones of
+/// the way up push the next cycle.
 #[test]
 fn frames_that_fill_the_cycle() {
     let full = |less: i64| {

@@ -1,4 +1,5 @@
-//! Outputs on a timeline, and what late ones do to a machine: against closed forms that share nothing with the integrator.
+//! Outputs on a timeline, and what late ones do to a machine: against closed forms that share
+//! nothing with the integrator.
 
 use isocat::{NoTap, Report, Scenario, SegmentFile};
 use isocat_engine::report::plant::Plant;
@@ -15,7 +16,8 @@ fn plant(report: &Report) -> &Plant {
     &report.plants.as_ref().unwrap_or_else(|| panic!("{}", report.text())).each[0]
 }
 
-/// A torque of 0.1 Nm that begins with the frame behind cycle 900, on a machine with friction, in a mode.
+/// A torque of 0.1 Nm that begins with the frame behind cycle 900, on a machine with friction, in a
+/// mode.
 fn torque_step(mode: &str, fault: &str) -> String {
     let fault = match fault {
         "" => String::new(),
@@ -31,8 +33,8 @@ fn torque_step(mode: &str, fault: &str) -> String {
     )
 }
 
-/// What acts later by this time lacks an impulse of torque: the load stays behind by the impulse to its friction, whatever the
-/// inertias and the coupling are. um, with 10 mm to a turn.
+/// What acts later by this time lacks an impulse of torque: the load stays behind by the impulse to
+/// its friction, whatever the inertias and the coupling are. um, with 10 mm to a turn.
 fn lag_of(late_s: f64) -> f64 {
     0.1 * late_s / 0.02 / std::f64::consts::TAU * 10_000.0
 }
@@ -48,8 +50,8 @@ fn is_near(found: f64, expected: f64, within: f64) {
     assert!((found - expected).abs() <= within, "{found} um, expected {expected} um");
 }
 
-/// The figures of a run in which nothing is late are what clocks make of it, and not zero by construction: both machines are
-/// integrated over instants of their own.
+/// The figures of a run in which nothing is late are what clocks make of it, and not zero by
+/// construction: both machines are integrated over instants of their own.
 #[test]
 fn punctual_outputs_leave_the_machine_where_it_ought_to_be() {
     for mode in ["sm", "dc-sync0"] {
@@ -63,7 +65,8 @@ fn punctual_outputs_leave_the_machine_where_it_ought_to_be() {
     }
 }
 
-/// SM-synchronous outputs act when their frame comes: each microsecond of the host is one of the machine.
+/// SM-synchronous outputs act when their frame comes: each microsecond of the host is one of the
+/// machine.
 #[test]
 fn a_late_frame_is_a_late_torque() {
     let punctual = deviation("sm", "");
@@ -73,18 +76,21 @@ fn a_late_frame_is_a_late_torque() {
     is_near(long, lag_of(200e-6), 0.02 * lag_of(200e-6) + punctual);
 }
 
-/// With SYNC0 the same lateness is none, up to where the outputs miss their pulse: then it is a whole cycle.
+/// With SYNC0 the same lateness is none, up to where the outputs miss their pulse: then it is a
+/// whole cycle.
 #[test]
 fn with_sync0_lateness_is_nothing_or_a_cycle() {
     let punctual = deviation("dc-sync0", "");
     is_near(deviation("dc-sync0", "slow-send 200us for 1500us"), punctual, 0.01);
     let cycle = lag_of(1e-3);
     is_near(deviation("dc-sync0", "drop 1"), cycle, 0.01 * cycle + punctual);
-    // Two in a row are more than 0x1C32:0B allows: the device leaves OP, lets go, and the load stays where friction stops it.
+    // Two in a row are more than 0x1C32:0B allows: the device leaves OP, lets go, and the load
+    // stays where friction stops it.
     assert!(deviation("dc-sync0", "drop 2") > 100.0 * cycle);
 }
 
-/// What the device puts out comes back as its input, so the MainDevice reads what it wrote some cycles before.
+/// What the device puts out comes back as its input, so the MainDevice reads what it wrote some
+/// cycles before.
 #[test]
 fn a_ramp_goes_from_what_stood_there_to_its_value() {
     let text = |later: u32| {
@@ -107,7 +113,8 @@ fn a_ramp_goes_from_what_stood_there_to_its_value() {
     assert_eq!(shown(170), 900);
 }
 
-/// The MainDevice sees the encoder: behind a ramp the motor stands at its target, and the drive's own figures follow it.
+/// The MainDevice sees the encoder: behind a ramp the motor stands at its target, and the drive's
+/// own figures follow it.
 #[test]
 fn the_motor_is_seen_by_its_encoder() {
     let text = "cycle = \"1ms\"\nfor = \"1s\"\n\

@@ -1,5 +1,5 @@
-//! Every published device as its profile: what the stack answers by SDO against the makers' tables, and that
-//! each comes to OP in every mode that it announces.
+//! Every published device as its profile: what the stack answers by SDO against the makers' tables,
+//! and that each comes to OP in every mode that it announces.
 
 mod bench;
 
@@ -14,7 +14,8 @@ use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::Access;
 use serde_json::Value as Json;
 
-/// The published tables: `ISOCAT_SHARED`, else `shared` beside the repository. Empty if they are not there.
+/// The published tables: `ISOCAT_SHARED`, else `shared` beside the repository. Empty if they are
+/// not there.
 fn published() -> Vec<Json> {
     let folder = std::env::var_os("ISOCAT_SHARED").map_or_else(
         || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")),

@@ -166,8 +166,9 @@ fn with_distances() -> Scenario {
     Scenario::from(SegmentFile::parse("quality.toml", text).expect("it reads"))
 }
 
-/// The bound of each clock holds in true time and is not absurdly wide, what the loop corrects is what the oscillators
-/// differ by, and what is left before SYNC0 is what is really left, of frames as late as they were.
+/// The bound of each clock holds in true time and is not absurdly wide, what the loop corrects is
+/// what the oscillators differ by, and what is left before SYNC0 is what is really left, of frames
+/// as late as they were.
 #[test]
 fn registers_bound_the_truth() {
     let mut scenario = built_in();
@@ -216,14 +217,15 @@ fn registers_bound_the_truth() {
         assert_eq!((moment.working_counter_errors, moment.frames_lost), (0, 0));
         assert!((0..=20_500).contains(&moment.latest.expect("clocks answer").0), "{moment:?}");
     }
-    // One time base: what the reference shows at a moment lies within the servo's error of what it says.
+    // One time base: what the reference shows at a moment lies within the servo's error of what it
+    // says.
     let last = moments.last().expect("there are moments");
     let again = main.system_time(last.at).expect("it runs");
     assert!((again - last.system).0.abs() < 1_000, "{again:?} and {:?}", last.system);
 }
 
-/// All that is sent in the background takes the share and no more, clocks and mailboxes half of it each; an
-/// application that asks at the same time is answered at once.
+/// All that is sent in the background takes the share and no more, clocks and mailboxes half of it
+/// each; an application that asks at the same time is answered at once.
 #[test]
 fn reads_take_their_share() {
     for permille in [10, 2] {
@@ -250,7 +252,8 @@ fn reads_take_their_share() {
     }
 }
 
-/// Requests of the application find a mailbox at every moment, also while it is being read; nothing holds up the end.
+/// Requests of the application find a mailbox at every moment, also while it is being read; nothing
+/// holds up the end.
 #[test]
 fn the_application_comes_first() {
     let mut field = Field::up(&built_in(), |setup| {
@@ -286,8 +289,8 @@ fn the_application_comes_first() {
     assert!(field.world.main().quality().len() == 4, "what was read of clocks stays");
 }
 
-/// What is read is what the devices hold, also without a clock of their own or without a mailbox; what they do
-/// not have is not asked.
+/// What is read is what the devices hold, also without a clock of their own or without a mailbox;
+/// what they do not have is not asked.
 #[test]
 fn counters_are_those_of_the_device() {
     let mut field = Field::up(&with_distances(), |_| {});
@@ -337,8 +340,8 @@ fn counters_are_those_of_the_device() {
     assert!(risen > 0, "no counter rose while frames were late");
 }
 
-/// Frames that come late raise the margin's alarm and that of a counter, at the SubDevices that it is true of, and both
-/// let go when they are in time again; clocks have no part in it.
+/// Frames that come late raise the margin's alarm and that of a counter, at the SubDevices that it
+/// is true of, and both let go when they are in time again; clocks have no part in it.
 #[test]
 fn a_late_host_is_told() {
     let mut field = Field::up(&with_distances(), |_| {});
@@ -385,8 +388,8 @@ fn a_late_host_is_told() {
     assert!(missed(0) > 100 && missed(1) > 100, "{} {}", missed(0), missed(1));
 }
 
-/// Clocks that nobody leads are told; a SubDevice without power is silent, and its state is known to be none. The
-/// others raise nothing.
+/// Clocks that nobody leads are told; a SubDevice without power is silent, and its state is known
+/// to be none. The others raise nothing.
 #[test]
 fn alarms_name_the_clock_and_what_is_wrong() {
     // Nobody compares: 0x092C stays as it is, however far they are apart.
@@ -459,8 +462,8 @@ fn the_report_tells_it() {
     assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
 }
 
-/// A SubDevice that was away is read again when it is back, by its new mailbox, also if it went in the middle of a
-/// reading.
+/// A SubDevice that was away is read again when it is back, by its new mailbox, also if it went in
+/// the middle of a reading.
 #[test]
 fn one_that_comes_back_is_read_again() {
     let mut field = Field::up(&built_in(), |_| {});

@@ -1,4 +1,5 @@
-//! What a recording keeps of a run: phases where the plan has them, errors as the judges have them, what led to a missed event.
+//! What a recording keeps of a run: phases where the plan has them, errors as the judges have them,
+//! what led to a missed event.
 
 use isocat::recording::cycle::Origin;
 use isocat::recording::{Recorded, Recording};

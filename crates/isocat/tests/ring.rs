@@ -1,4 +1,5 @@
-//! A redundancy ring: whole, cut at every edge while it runs, healed, cut twice. Judged in true time.
+//! A redundancy ring: whole, cut at every edge while it runs, healed, cut twice. Judged in true
+//! time.
 
 mod field;
 
@@ -32,8 +33,8 @@ fn ring_of(text: &str) -> Field {
     Field::up_wired(text, with_ring, close).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Outputs from `since` on were stored once a cycle, but in so many cycles at most in a row not at all, and nobody
-/// left OP. Gives how many cycles had none.
+/// Outputs from `since` on were stored once a cycle, but in so many cycles at most in a row not at
+/// all, and nobody left OP. Gives how many cycles had none.
 fn loses_at_most(field: &Field, device: usize, since: Time<True>, most: i64) -> i64 {
     let record = field.witness.0.borrow();
     let seen = &record.devices[device];
@@ -111,8 +112,8 @@ impl Cut {
     }
 }
 
-/// Most that clocks behind a cut slide in a second, ps: their first one keeps what its drift loop did for the last tick of
-/// 10 ns, 4 ppm.
+/// Most that clocks behind a cut slide in a second, ps: their first one keeps what its drift loop
+/// did for the last tick of 10 ns, 4 ppm.
 const SLIDE: i64 = 5_000_000;
 /// The clocks of [`LINE`].
 const CLOCKS: [usize; 3] = [0, 1, 3];
@@ -129,8 +130,8 @@ fn is_lost(event: &Event) -> bool {
     matches!(event, Event::Lost { .. })
 }
 
-/// The clocks behind the cut slide with the rate that their first one has: a few ppm at most, together. When the
-/// ring is whole again the drift loops pull them back.
+/// The clocks behind the cut slide with the rate that their first one has: a few ppm at most,
+/// together. When the ring is whole again the drift loops pull them back.
 #[test]
 fn a_cut_at_any_edge_stops_nobody() {
     for cable in 0..=CLOSING {
@@ -189,7 +190,8 @@ fn a_cut_at_any_edge_stops_nobody() {
     }
 }
 
-/// How fast the clocks behind a cut slide, and how soon they are back: whatever their first one's loop did last.
+/// How fast the clocks behind a cut slide, and how soon they are back: whatever their first one's
+/// loop did last.
 #[test]
 fn clocks_behind_a_cut_slide_by_a_few_ppm_at_most() {
     let (mut fastest, mut slowest) = (0, i64::MAX);
@@ -242,8 +244,8 @@ fn a_cut_under_way_costs_a_cycle() {
     assert!(lost_in_all > 0, "some cuts must meet a frame");
 }
 
-/// A copy in which a bit tips over on its way against the order of the whole ring is missed by nobody. The other one
-/// carries everything: without it the frame is lost, as in a line.
+/// A copy in which a bit tips over on its way against the order of the whole ring is missed by
+/// nobody. The other one carries everything: without it the frame is lost, as in a line.
 #[test]
 fn a_damaged_copy() {
     let mut field = ring();
@@ -302,7 +304,8 @@ fn a_copy_lost_behind_a_cut() {
     assert_eq!(field.world.main().statistics().frames_lost, 0);
 }
 
-/// The two ports send and hand over at their own times, up to 150 us apart: the other copy is waited for.
+/// The two ports send and hand over at their own times, up to 150 us apart: the other copy is
+/// waited for.
 #[test]
 fn ports_that_are_apart() {
     let apart = |setup: &mut Setup| {
@@ -380,8 +383,8 @@ fn between_two_cuts_is_lost() {
     field.broadcasts_only_latches();
 }
 
-/// Cables pulled and plugged anyhow. Who is lost was cut off on both sides, who was not never left OP, and in the end
-/// all are back.
+/// Cables pulled and plugged anyhow. Who is lost was cut off on both sides, who was not never left
+/// OP, and in the end all are back.
 #[test]
 fn cables_pulled_and_plugged_anyhow() {
     for seed in 1..=8 {
@@ -498,8 +501,8 @@ fn failure(change: impl FnOnce(&mut Setup), wire: impl FnOnce(&mut Segment)) -> 
     }
 }
 
-/// A ring that is cut when it is to come up: what lies behind the cut is named by number; without the last cable it is a
-/// line.
+/// A ring that is cut when it is to come up: what lies behind the cut is named by number; without
+/// the last cable it is a line.
 #[test]
 fn a_ring_that_is_cut_from_the_start() {
     for cable in 0..CLOSING {
@@ -535,8 +538,8 @@ fn a_ring_that_is_cut_from_the_start() {
     }
 }
 
-/// A branch at a port that comes before the way on is a part of the ring's order; one behind it is refused, as frames
-/// from the primary port would never come there.
+/// A branch at a port that comes before the way on is a part of the ring's order; one behind it is
+/// refused, as frames from the primary port would never come there.
 #[test]
 fn a_branch_beside_the_ring() {
     let wire = |last: usize| {

@@ -1,4 +1,5 @@
-//! `isocat scan`: what a MainDevice finds out about a segment before any cycle, against what the segment is.
+//! `isocat scan`: what a MainDevice finds out about a segment before any cycle, against what the
+//! segment is.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -141,7 +142,8 @@ fn the_tree_and_its_clocks_are_those_that_were_built() {
     golden("tree", &report.text(None));
 }
 
-/// A junction without receive times: the delays behind it are not known, which is no fault of the segment's.
+/// A junction without receive times: the delays behind it are not known, which is no fault of the
+/// segment's.
 #[test]
 fn delays_that_cannot_be_known_are_said_to_be() {
     static JUNCTION: Chip =
@@ -184,7 +186,8 @@ fn contradictions_and_doubts_have_names() {
     golden("doubtful_device", &report.text(Some(1)));
 }
 
-/// One SubDevice whose SII has no end, one that refuses PREOP: the others are read all the same, and the delays of all.
+/// One SubDevice whose SII has no end, one that refuses PREOP: the others are read all the same,
+/// and the delays of all.
 #[test]
 fn what_fails_at_one_ends_nothing_at_the_others() {
     let text = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\ncount = 4\n";
@@ -202,7 +205,8 @@ fn what_fails_at_one_ends_nothing_at_the_others() {
     let report = report(&scan);
     let found: Vec<_> =
         report.findings.iter().map(|note| (note.position, note.kind.name())).collect();
-    // In the order in which it is found out: the categories of the SII are not needed before the objects.
+    // In the order in which it is found out: the categories of the SII are not needed before the
+    // objects.
     let places = [4, 1, 1].map(|position| (Some(position), "not-read"));
     assert_eq!(found, places, "{:#?}", report.findings);
     assert!(report.findings[0].what.contains("refuses PREOP"), "{:?}", report.findings);
@@ -275,7 +279,8 @@ fn a_long_line_stays_a_line() {
     assert_eq!(long, None, "a hundred columns");
 }
 
-/// What hangs on what is read from the columns alone, as the legend says it, and compared with what the scan knows.
+/// What hangs on what is read from the columns alone, as the legend says it, and compared with what
+/// the scan knows.
 #[test]
 fn the_tree_tells_what_hangs_on_what() {
     // Couplers in a line with devices behind each; and a comb, deeper than it can be drawn.

@@ -161,8 +161,8 @@ fn csv_quotes_what_would_be_read_otherwise() {
     assert!(row.starts_with("-7,-7,-7,\"a \"\"b\"\", c\",-7,,,,"), "{row}");
 }
 
-/// While no frame comes back cycles go on, and so do the rows: to the end, or until frames come again, which takes the links
-/// some seconds.
+/// While no frame comes back cycles go on, and so do the rows: to the end, or until frames come
+/// again, which takes the links some seconds.
 #[test]
 fn cycles_without_frames_have_their_rows() {
     for (duration, comes_back) in [(200, false), (6_000, true)] {
@@ -211,8 +211,8 @@ fn cut_off(duration: i64, comes_back: bool) {
     }
 }
 
-/// The description at the end of the file, read by the library that wrote it; pyarrow reads all of it in
-/// `tests/interop/series.sh`.
+/// The description at the end of the file, read by the library that wrote it; pyarrow reads all of
+/// it in `tests/interop/series.sh`.
 #[cfg(feature = "cli")]
 #[test]
 fn parquet_has_its_row_groups() {

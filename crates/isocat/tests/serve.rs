@@ -1,5 +1,5 @@
-//! `isocat serve` and `isocat control` as commands. What needs raw sockets runs in a network namespace that
-//! the command itself makes, and is skipped with a word where that is not permitted.
+//! `isocat serve` and `isocat control` as commands. What needs raw sockets runs in a network
+//! namespace that the command itself makes, and is skipped with a word where that is not permitted.
 #![cfg(target_os = "linux")]
 
 use std::io::{BufRead, BufReader, Read};
@@ -96,8 +96,8 @@ impl Drop for Service {
     }
 }
 
-/// Counts the SubDevices: the working counter of a broadcast read, and how long the answer took; `None` if
-/// nothing comes back within 100 ms.
+/// Counts the SubDevices: the working counter of a broadcast read, and how long the answer took;
+/// `None` if nothing comes back within 100 ms.
 fn count(socket: &mut RawSocket) -> Option<(u16, Nanos)> {
     let mut buffer = [0; MAX_LEN];
     let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);
@@ -152,7 +152,8 @@ fn what_can_not_be_served_on_is_told() {
 /// A ring of three.
 const RING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/faults/ring.toml");
 
-/// What a broadcast read from one port of a MainDevice counts, and at which of its ports it comes back: 0 or 1.
+/// What a broadcast read from one port of a MainDevice counts, and at which of its ports it comes
+/// back: 0 or 1.
 fn count_in_ring(sockets: &mut [RawSocket; 2], from: usize) -> Option<(usize, u16)> {
     let mut buffer = [0; MAX_LEN];
     let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);
@@ -304,8 +305,8 @@ fn faults_come_and_go_while_it_serves() {
     assert!(!Path::new("/run/netns/isct-fault").exists(), "the namespace is gone");
 }
 
-/// Who would serve where somebody serves already is refused, and nothing of the other's is touched; a report
-/// that can't be written is refused before anything is served.
+/// Who would serve where somebody serves already is refused, and nothing of the other's is touched;
+/// a report that can't be written is refused before anything is served.
 #[test]
 fn a_second_service_leaves_the_first_alone() {
     if !permitted() {
@@ -359,7 +360,8 @@ fn the_schema_of_the_summary_is_committed() {
     assert_eq!(now, committed, "the summary changed: run with UPDATE_SCHEMA=1 and raise FORMAT");
 }
 
-/// What is expected of a served segment ends in exit code, summary and JUnit: met, not met, and nothing to judge by.
+/// What is expected of a served segment ends in exit code, summary and JUnit: met, not met, and
+/// nothing to judge by.
 #[test]
 fn a_service_ends_by_what_is_expected_of_it() {
     if !permitted() {
@@ -396,8 +398,8 @@ fn a_service_ends_by_what_is_expected_of_it() {
     }
 }
 
-/// Serves a segment to our own MainDevice, which brings it to OP; the summary and the exit code. On a machine that stalls the way up
-/// may fail, and is tried again.
+/// Serves a segment to our own MainDevice, which brings it to OP; the summary and the exit code. On
+/// a machine that stalls the way up may fail, and is tried again.
 fn served_in_operation(segment: &str, junit: &str) -> (serde_json::Value, Option<i32>) {
     for _ in 0..5 {
         let service = Service::start("isct-expect", &[segment, "--junit", junit, "--json"]);

@@ -1,5 +1,5 @@
-//! What foreign MainDevices stumble over on other people's virtual segments, tried on ours without a network:
-//! frames and host time go into the [`Server`] directly.
+//! What foreign MainDevices stumble over on other people's virtual segments, tried on ours without
+//! a network: frames and host time go into the [`Server`] directly.
 #![cfg(target_os = "linux")]
 
 use isocat::serve::{Answer, Event, Server};
@@ -73,8 +73,8 @@ impl Wire {
         }
     }
 
-    /// Our own MainDevice brings it to OP and exchanges process data for some cycles; then it is gone, as if
-    /// killed, or stops as it ought to.
+    /// Our own MainDevice brings it to OP and exchanges process data for some cycles; then it is
+    /// gone, as if killed, or stops as it ought to.
     fn session(&mut self, cycles: u64, stop: bool) -> MainDevice {
         let mut main = MainDevice::new(Config::new(Nanos::millis(1)), self.now);
         let mut buffer = [0; FRAME_LEN];
@@ -124,8 +124,8 @@ fn first(bytes: &[u8]) -> Back {
 
 const SIMPLE: &str = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io16\"\ncount = 4\n";
 
-/// Who hears only frames whose source differs from its own hears ours: the first ESC sets the bit, and
-/// nothing else of the address changes.
+/// Who hears only frames whose source differs from its own hears ours: the first ESC sets the bit,
+/// and nothing else of the address changes.
 #[test]
 fn the_first_esc_marks_the_source_address() {
     let mut wire = Wire::new(SIMPLE);
@@ -167,8 +167,8 @@ fn complete_access_pads_sub_index_0() {
     assert_eq!(back.data[12..22], [6, 0, 0, 0, 4, 0, 1, 2, 3, 4]);
 }
 
-/// A session that ended by silence leaves an expired watchdog; the next one switches it off and still
-/// comes to OP.
+/// A session that ended by silence leaves an expired watchdog; the next one switches it off and
+/// still comes to OP.
 #[test]
 fn watchdog_time_0_after_an_expired_watchdog() {
     let mut wire = Wire::new(SIMPLE);
@@ -194,7 +194,8 @@ fn watchdog_time_0_after_an_expired_watchdog() {
     assert_eq!(wire.states(), [AlState::Init; 4]);
 }
 
-/// Frames that follow each other at once are answered each for itself, in order, as fast as they came.
+/// Frames that follow each other at once are answered each for itself, in order, as fast as they
+/// came.
 #[test]
 fn several_frames_in_flight() {
     let mut wire = Wire::new(SIMPLE);
@@ -309,7 +310,8 @@ fn frames_faster_than_the_wire_wait_for_it() {
     assert!((took - expected).abs() < Nanos::micros(200), "{took} for {expected}");
 }
 
-/// A MainDevice that is killed in operation, silence, and another one: two sessions, told apart, both to OP.
+/// A MainDevice that is killed in operation, silence, and another one: two sessions, told apart,
+/// both to OP.
 #[test]
 fn a_second_session_after_an_abrupt_end() {
     let mut wire = Wire::of(SegmentFile::built_in());
@@ -354,8 +356,8 @@ fn a_session_that_follows_without_a_pause_is_one_of_its_own() {
     assert!((95..=115).contains(&cycles[0]) && (55..=75).contains(&cycles[1]), "{cycles:?}");
 }
 
-/// SubDevices that go down one after another end the judging with the first, and those that are still up
-/// do not begin another.
+/// SubDevices that go down one after another end the judging with the first, and those that are
+/// still up do not begin another.
 #[test]
 fn going_down_one_by_one_is_not_a_new_operation() {
     let mut wire = Wire::new(SIMPLE);
@@ -408,8 +410,8 @@ fn a_fall_that_was_mended_is_not_forgotten() {
     assert!(summary.text().contains("Not in sync throughout"), "{}", summary.text());
 }
 
-/// What a MainDevice leaves out is said, and what it does is not: the same segment, once with our own and
-/// once with one that only sets SYNC registers.
+/// What a MainDevice leaves out is said, and what it does is not: the same segment, once with our
+/// own and once with one that only sets SYNC registers.
 #[test]
 fn the_summary_says_what_was_left_out() {
     let mut wire = Wire::of(SegmentFile::built_in());

@@ -1,4 +1,5 @@
-//! `isocat sii` and the key `sii`: texts, the document and its schema, images of descriptions, real EEPROMs served and compared.
+//! `isocat sii` and the key `sii`: texts, the document and its schema, images of descriptions, real
+//! EEPROMs served and compared.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

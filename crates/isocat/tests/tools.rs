@@ -1,8 +1,9 @@
-//! `isocat plan --for TOOL`: one golden text per tool, what its own language says of it, and the numbers in it
-//! against the plan's own document.
+//! `isocat plan --for TOOL`: one golden text per tool, what its own language says of it, and the
+//! numbers in it against the plan's own document.
 //!
-//! The folder `golden/tools` has the segment, the texts, and our own declarations of the calls that the two texts
-//! in C use. `tests/interop/other_tools.py` lets the tools themselves run what is printed.
+//! The folder `golden/tools` has the segment, the texts, and our own declarations of the calls that
+//! the two texts in C use. `tests/interop/other_tools.py` lets the tools themselves run what is
+//! printed.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -280,8 +281,8 @@ fn what_does_not_go_together_is_refused() {
     }
 }
 
-/// A description with downloads at edges: all bits of 32, a transition of its own, complete access from this
-/// sub-index on.
+/// A description with downloads at edges: all bits of 32, a transition of its own, complete access
+/// from this sub-index on.
 fn described(name: &str, opmode: usize, from: u8) -> String {
     let (before, after) =
         include_str!("esi/box.xml").split_once("<Name>DT2000</Name>").expect("there");
@@ -367,7 +368,8 @@ fn downloads_keep_value_length_and_transition() {
     }
 }
 
-/// Latch units at the device and a SYNC0 of a quarter of the cycle: more than some tools have words for.
+/// Latch units at the device and a SYNC0 of a quarter of the cycle: more than some tools have words
+/// for.
 #[test]
 fn a_whole_word_of_a_description_reaches_every_tool_that_can_write_it() {
     let segment = described("for_words", 2, 0);

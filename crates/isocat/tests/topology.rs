@@ -58,7 +58,8 @@ fn a_pulled_cable_shows_in_the_working_counter_until_it_is_back() {
         assert!(world.step(limit), "the segment does not come up");
     }
     let last = world.segment().devices().len() - 1;
-    // Datagrams (two a cycle) whose working counter is wrong, frames that do not come back, in so much time.
+    // Datagrams (two a cycle) whose working counter is wrong, frames that do not come back, in so
+    // much time.
     let run_for = |world: &mut World<Motion, NoTap>, milliseconds: i64| {
         let (before, end) =
             (world.main().statistics(), world.now() + Nanos::millis(milliseconds).into());
@@ -83,12 +84,14 @@ fn a_pulled_cable_shows_in_the_working_counter_until_it_is_back() {
     assert!((596..=598).contains(&wrong) && lost == 0, "{wrong} wrong, {lost} lost");
     let (_, lost) = run_for(&mut world, 3);
     assert_eq!((world.segment().path().entries.len(), lost), (last + 1, 0));
-    // It answers again, but its watchdog has taken it to SAFEOP: its inputs count, its outputs do not.
+    // It answers again, but its watchdog has taken it to SAFEOP: its inputs count, its outputs do
+    // not.
     assert_eq!(world.segment().devices()[last].stack.state(), AlState::SafeOp);
     assert_eq!(run_for(&mut world, 20), (20, 0));
 }
 
-/// The last device loses its power in the middle of a run: it comes back in INIT, without an address.
+/// The last device loses its power in the middle of a run: it comes back in INIT, without an
+/// address.
 #[test]
 fn a_power_cycle_leaves_the_device_behind_in_init() {
     let text = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io16\"\ncount = 3\n";

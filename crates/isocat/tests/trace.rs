@@ -1,4 +1,5 @@
-//! The trace of a run, read back: tracks by name, slices that end and nest, pulses a cycle apart, stamps of the run.
+//! The trace of a run, read back: tracks by name, slices that end and nest, pulses a cycle apart,
+//! stamps of the run.
 
 use std::collections::HashMap;
 

@@ -1,4 +1,5 @@
-//! `isocat virtual`, with the command itself as the unmodified program: `isocat run --interface vt0`.
+//! `isocat virtual`, with the command itself as the unmodified program: `isocat run --interface
+//! vt0`.
 #![cfg(all(target_os = "linux", target_arch = "x86_64"))]
 
 use std::path::PathBuf;
@@ -43,7 +44,8 @@ fn isocat(arguments: &[&str]) -> Output {
     Command::new(ISOCAT).args(arguments).output().expect("the command runs")
 }
 
-/// Runs our own MainDevice on a segment; its summary and the exit code. `None`: programs can't be supervised here.
+/// Runs our own MainDevice on a segment; its summary and the exit code. `None`: programs can't be
+/// supervised here.
 fn supervised(arguments: &[&str], segment: &str) -> Option<(Value, i32)> {
     let program = ["--", ISOCAT, "run", segment, "--interface", "vt0", "--for", "2s"];
     let output = isocat(&[&["virtual", segment, "--json"], arguments, &program].concat());

@@ -1,5 +1,6 @@
-//! What the live view shows, held against itself and against a run: nothing between two statuses is missed, and filling one takes
-//! no memory. Then the command at both ends of a wire, where namespaces can be had.
+//! What the live view shows, held against itself and against a run: nothing between two statuses is
+//! missed, and filling one takes no memory. Then the command at both ends of a wire, where
+//! namespaces can be had.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -38,8 +39,8 @@ fn statuses(scenario: Scenario, until_ns: i64, look_at: Option<usize>) -> Vec<St
     }
 }
 
-/// The largest of late, taken together, is the largest in operation: no edge falls between two statuses. The judges of a
-/// run of that length find the same.
+/// The largest of late, taken together, is the largest in operation: no edge falls between two
+/// statuses. The judges of a run of that length find the same.
 #[test]
 fn no_edge_is_missed() {
     let all = statuses(scenario(), 4_000_000_000, None);
@@ -107,7 +108,8 @@ fn the_way_up_is_told() {
     assert!(last.failure.as_ref().is_some_and(|why| why.contains("0x1C32:05")), "{last:?}");
 }
 
-/// The loop of a real wire fills the board in its cycles: that takes no memory, whether somebody looks or not.
+/// The loop of a real wire fills the board in its cycles: that takes no memory, whether somebody
+/// looks or not.
 #[test]
 fn filling_the_board_allocates_nothing() {
     let setup = Scenario::from(SegmentFile::built_in()).run().setup;
@@ -191,8 +193,8 @@ mod wire {
         answer
     }
 
-    /// A segment is served on one end of a wire and run by `watch --interface` on the other: both say that it is in sync, one by
-    /// registers, the other in true time.
+    /// A segment is served on one end of a wire and run by `watch --interface` on the other: both
+    /// say that it is in sync, one by registers, the other in true time.
     #[test]
     fn both_ends_of_a_wire_are_watched() {
         let name = "ic-watch";

@@ -1,4 +1,5 @@
-//! The waveforms of a run, read back: each SubDevice has its signals, pulses come a cycle apart, steps follow their causes.
+//! The waveforms of a run, read back: each SubDevice has its signals, pulses come a cycle apart,
+//! steps follow their causes.
 
 use std::collections::HashMap;
 

@@ -1,5 +1,6 @@
-//! The way back of SubDevices while something else goes wrong: one before them answers and can't be taken up, the way of frames
-//! changes meanwhile, something was under way in their mailbox. Judged in true time.
+//! The way back of SubDevices while something else goes wrong: one before them answers and can't be
+//! taken up, the way of frames changes meanwhile, something was under way in their mailbox. Judged
+//! in true time.
 
 mod field;
 
@@ -17,7 +18,8 @@ fn with(segment: &str, faults: &[(u32, &str)]) -> String {
     text
 }
 
-/// The third one answers again and never comes to PREOP. Frames pass it all the same, and so does the delay of the fourth.
+/// The third one answers again and never comes to PREOP. Frames pass it all the same, and so does
+/// the delay of the fourth.
 #[test]
 fn a_delay_counts_those_that_answer_and_are_not_taken_up() {
     let faults = [(60, "misbehave third refused-state PREOP"), (80, "power-cycle third 100ms")];
@@ -33,8 +35,9 @@ fn a_delay_counts_those_that_answer_and_are_not_taken_up() {
     assert!(worst < FRESH && edges > 400, "{worst} ps in {edges} edges");
 }
 
-/// The fourth one is asked for an object when its power is gone and the MainDevice has not noticed: the request, which is written
-/// again and again, ends with the loss. It is not written into the mailbox of the SubDevice that is back, whose answers are for its way back.
+/// The fourth one is asked for an object when its power is gone and the MainDevice has not noticed:
+/// the request, which is written again and again, ends with the loss. It is not written into the
+/// mailbox of the SubDevice that is back, whose answers are for its way back.
 #[test]
 fn what_is_under_way_in_a_mailbox_ends_with_its_subdevice() {
     let mut field = Field::up(LINE, |_| {});
@@ -60,9 +63,10 @@ fn what_is_under_way_in_a_mailbox_ends_with_its_subdevice() {
     assert!((back - lost).0 / MS.0 < 3_000, "{} ms", (back - lost).0 / MS.0);
 }
 
-/// While the last of one branch comes back, the other branch is cut off, which makes its way shorter by 3 us: right when its delay
-/// is measured, within the cycles behind that, while its clock is led, or just before it is in OP. Its delay is measured anew, or
-/// set right with those of the others.
+/// While the last of one branch comes back, the other branch is cut off, which makes its way
+/// shorter by 3 us: right when its delay is measured, within the cycles behind that, while its
+/// clock is led, or just before it is in OP. Its delay is measured anew, or set right with those of
+/// the others.
 #[test]
 fn a_way_that_changes_meanwhile_is_measured_anew() {
     let mut anew = 0;

@@ -1,4 +1,5 @@
-//! What becomes of a segment when a cable or a SubDevice goes for a time: what `plan --what-if` says of known segments.
+//! What becomes of a segment when a cable or a SubDevice goes for a time: what `plan --what-if`
+//! says of known segments.
 
 use std::path::Path;
 
@@ -40,8 +41,8 @@ fn outcomes(case: &Case) -> Vec<Outcome> {
     case.devices.iter().map(|fate| fate.outcome).collect()
 }
 
-/// Drives miss their frames at the next pulses and give up: the third SYNC0 without outputs. The one in front of the cut
-/// goes on, and is not disturbed.
+/// Drives miss their frames at the next pulses and give up: the third SYNC0 without outputs. The
+/// one in front of the cut goes on, and is not disturbed.
 #[test]
 fn those_behind_a_cut_leave_op_by_their_own_check() {
     let found = of(LINE, &[0, 1, 2], what_if::GONE);
@@ -70,7 +71,8 @@ fn those_behind_a_cut_leave_op_by_their_own_check() {
     assert_eq!(case(&found, Gone::Cable, 2).devices[1].outcome, Outcome::InSync);
 }
 
-/// What a case says is what the run of a segment file with the same fault shows, of which the course of the run tells.
+/// What a case says is what the run of a segment file with the same fault shows, of which the
+/// course of the run tells.
 #[test]
 fn a_case_is_the_run_with_that_fault() {
     let found = of(LINE, &[2], what_if::GONE);
@@ -92,8 +94,9 @@ fn a_case_is_the_run_with_that_fault() {
     assert_eq!(cut.devices[2].held_ns, Some(course.longest_stale(2).0 / 1_000));
 }
 
-/// Without frames for less than the watchdog a device stays in OP with the outputs that it has, for longer it leaves. The
-/// link takes 300 ms to come; frames are missed from the last one before the cut to the first one behind.
+/// Without frames for less than the watchdog a device stays in OP with the outputs that it has, for
+/// longer it leaves. The link takes 300 ms to come; frames are missed from the last one before the
+/// cut to the first one behind.
 #[test]
 fn both_sides_of_the_watchdog() {
     let gone = Nanos::millis(1);
@@ -113,7 +116,8 @@ fn both_sides_of_the_watchdog() {
     assert_eq!(left_with(&below), Some((AlState::SafeOp, 0x001B)), "{below:#?}");
 }
 
-/// A fork without a clock: the reference is the first of one branch, and when it goes another one leads.
+/// A fork without a clock: the reference is the first of one branch, and when it goes another one
+/// leads.
 #[test]
 fn another_clock_leads_while_the_reference_is_gone() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
@@ -146,8 +150,8 @@ fn another_clock_leads_while_the_reference_is_gone() {
     }
 }
 
-/// With the cable at the MainDevice nothing answers: nothing is lost to it that could be taken up again, and devices that
-/// have left OP are the business of `recovery`.
+/// With the cable at the MainDevice nothing answers: nothing is lost to it that could be taken up
+/// again, and devices that have left OP are the business of `recovery`.
 #[test]
 fn who_is_not_brought_back_is_told_with_the_reason() {
     let with = of(LINE, &[0], what_if::GONE);
@@ -164,7 +168,8 @@ fn who_is_not_brought_back_is_told_with_the_reason() {
     assert!(without.notes().len() == with.notes().len() + 1);
 }
 
-/// A coupler has no process data: nothing shows that it is cut off but that no frame comes back, or that it is lost.
+/// A coupler has no process data: nothing shows that it is cut off but that no frame comes back, or
+/// that it is lost.
 #[test]
 fn a_coupler_is_cut_off_where_no_frame_comes_back() {
     let text = "cycle = \"1ms\"\nrecovery = \"once\"\n[[subdevice]]\ndevice = \"beckhoff_ek1100\"\n\
@@ -178,7 +183,8 @@ fn a_coupler_is_cut_off_where_no_frame_comes_back() {
     assert_eq!((behind.devices[0].outcome, behind.clocks), (Outcome::Idle, Clocks::Lead));
 }
 
-/// Less than the 15 us in which a link is noticed to be gone, and between two frames: no device notices.
+/// Less than the 15 us in which a link is noticed to be gone, and between two frames: no device
+/// notices.
 #[test]
 fn a_cut_that_meets_no_frame_is_no_cut() {
     let found = of(LINE, &[2], Nanos::micros(1));

@@ -1,5 +1,6 @@
-//! Windows of described devices: registers of distributed clocks that an FMMU alone maps into the process image. What a run
-//! reads there is held against true time, against the drift frames of the same cycles, and against pins that are driven.
+//! Windows of described devices: registers of distributed clocks that an FMMU alone maps into the
+//! process image. What a run reads there is held against true time, against the drift frames of the
+//! same cycles, and against pins that are driven.
 
 use isocat::esi::{EsiFile, Purpose, WarningKind};
 use isocat::plan::Plan;
@@ -37,7 +38,8 @@ fn start_up(segment: SegmentFile) -> DeviceStartUp {
     Plan::of(&scenario).unwrap().start_up(&scenario).devices.remove(0)
 }
 
-/// SyncManagers that are written, and FMMUs with their place in the process image: (logical, bytes, address, kind).
+/// SyncManagers that are written, and FMMUs with their place in the process image: (logical, bytes,
+/// address, kind).
 fn written(device: &DeviceStartUp) -> (Vec<u16>, Vec<(u32, u16, u16, u8)>) {
     let (mut managers, mut fmmus) = (Vec::new(), Vec::new());
     for step in &device.registers {
@@ -61,7 +63,8 @@ impl Tap for NoTap {
     fn frame(&mut self, _: Time<True>, _: bool, _: &[u8]) {}
 }
 
-/// What came back in one cycle: system time at which its first frame passed the reference, and the inputs of each device.
+/// What came back in one cycle: system time at which its first frame passed the reference, and the
+/// inputs of each device.
 type Seen = Vec<(u64, Vec<Vec<u8>>)>;
 
 /// Collects what comes back.
@@ -113,8 +116,8 @@ fn u64_at(bytes: &[u8], at: usize) -> u64 {
 const STAMPS: &str = "type = \"Stamps\"\nopmode = 0";
 const NEXT: &str = "type = \"Next\"";
 
-/// The image has the SyncManagers in the order of their numbers, whatever the order of the PDOs in the file: 1 byte of the
-/// channel, 10 bytes of the latch unit, 8 bytes of system time.
+/// The image has the SyncManagers in the order of their numbers, whatever the order of the PDOs in
+/// the file: 1 byte of the channel, 10 bytes of the latch unit, 8 bytes of system time.
 #[test]
 fn system_time_moves_on_in_the_process_image() {
     let mut world = in_operation(segment("time", FILE, &[STAMPS, STAMPS]));
@@ -123,7 +126,8 @@ fn system_time_moves_on_in_the_process_image() {
     for (reference, inputs) in &seen {
         let lengths: Vec<_> = inputs.iter().map(Vec::len).collect();
         assert_eq!(lengths, [19, 19]);
-        // The ESC latches it at the start of the frame, so that the drift frame of the same cycle has the same.
+        // The ESC latches it at the start of the frame, so that the drift frame of the same cycle
+        // has the same.
         assert_eq!(u64_at(&inputs[0], 11), *reference);
         let difference = u64_at(&inputs[1], 11) as i64 - *reference as i64;
         assert!(difference.abs() < 200, "{difference} ns from the reference clock");
@@ -138,7 +142,8 @@ fn system_time_moves_on_in_the_process_image() {
     assert!((0..1_000_000).contains(&age), "{age} ns old");
 }
 
-/// A pin of the latch unit rises in the middle of a run: its status and the time of the edge are the inputs.
+/// A pin of the latch unit rises in the middle of a run: its status and the time of the edge are
+/// the inputs.
 #[test]
 fn an_edge_of_a_latch_pin_has_its_time_in_the_process_image() {
     let mut world = in_operation(segment("latch", FILE, &[STAMPS]));
@@ -152,13 +157,15 @@ fn an_edge_of_a_latch_pin_has_its_time_in_the_process_image() {
     device.disturbed();
     let after = cycles(&mut world, 5);
     let inputs = &after.last().unwrap().1[0];
-    // Bit 2 of 0x09AE is the level of the pin; edges are not kept for their reader unless 0x09A8 says so.
+    // Bit 2 of 0x09AE is the level of the pin; edges are not kept for their reader unless 0x09A8
+    // says so.
     assert_eq!((inputs[1], inputs[2]), (0x04, 0x00));
     let late = i128::from(u64_at(inputs, 3)) * 1_000 - edge;
     assert!((-1_000..12_000).contains(&late), "stamped {late} ps behind the edge");
 }
 
-/// The window lies in front of nothing else of its direction, and the windows of outputs are told and left alone.
+/// The window lies in front of nothing else of its direction, and the windows of outputs are told
+/// and left alone.
 #[test]
 fn the_next_sync0_is_read_and_the_sync_unit_stays_the_plans() {
     let file = segment("next", FILE, &[NEXT]);

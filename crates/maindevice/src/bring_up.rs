@@ -321,7 +321,8 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
     leave_out(work, failures).await;
     if let (Some(phase), Some(reference)) = (phase, work.segment.reference) {
         let now = sync::reference_now(link, &work.segment.devices[reference]).await?;
-        // The acting pulses of all devices lie on one grid, so on the same points of it at all of them.
+        // The acting pulses of all devices lie on one grid, so on the same points of it at all of
+        // them.
         let common = sync::grid(&work.segment, config.cycle);
         let failures = each(config, &mut work.segment, |device| {
             Box::pin(async move {

@@ -35,7 +35,8 @@ pub(crate) async fn upload(
     if size > MOST_BYTES {
         return Err(SdoError::TooLarge { size: head.value(), most: MOST_BYTES as u32 });
     }
-    // Each segment has the patience of a service; all of them together must not take as long as there are bytes times that.
+    // Each segment has the patience of a service; all of them together must not take as long as
+    // there are bytes times that.
     let end = mailbox.deadline() + Nanos(SLOWEST_BYTE.0 * size as i64);
     let mut data = Vec::new();
     data.extend_from_slice(&rest[..rest.len().min(size)]);

@@ -225,7 +225,8 @@ impl Mailbox {
                 Ok(_) if lost => return Ok(()),
                 Ok(_) => {}
                 Err(error) if link_is_dead(&self.link, end) => return Err(error.into()),
-                // Tried again at growing intervals, so that losses with a rhythm do not meet each try.
+                // Tried again at growing intervals, so that losses with a rhythm do not meet each
+                // try.
                 Err(_) => lost = true,
             }
             if self.link.now() >= end {

@@ -88,7 +88,8 @@ pub(crate) fn place_as_known(device: &mut SubDevice) -> Result<(), Cause> {
 pub(crate) fn place_process_data(device: &mut SubDevice) -> Result<(), Cause> {
     for kind in [sm_type::OUTPUTS, sm_type::INPUTS] {
         let data = if kind == sm_type::OUTPUTS { &device.outputs } else { &device.inputs };
-        // Where several share the direction, or it begins with a window, the first one is known with its PDOs.
+        // Where several share the direction, or it begins with a window, the first one is known
+        // with its PDOs.
         let known = data.window || !data.further.is_empty();
         let shared = data.sync_manager.filter(|_| known).map(usize::from);
         let number = shared
@@ -222,8 +223,9 @@ impl SubDevice {
     }
 }
 
-/// What the FMMUs of a direction map: one span for each SyncManager or window, and one for all that lie behind each other
-/// without a gap, as the bytes of digital outputs do. Descriptions count FMMUs in the same way.
+/// What the FMMUs of a direction map: one span for each SyncManager or window, and one for all that
+/// lie behind each other without a gap, as the bytes of digital outputs do. Descriptions count
+/// FMMUs in the same way.
 fn spans(data: &ProcessData) -> Vec<Span> {
     let mut spans: Vec<Span> = Vec::new();
     let mut logical = data.logical;

@@ -183,8 +183,9 @@ async fn reset(link: &Link, count: u16) -> Result<(), Cause> {
     let all: [(u16, &[u8], bool); 10] = [
         (register::SYNC_ACTIVATION.address, &SyncActivation(0).to_bytes(), false),
         (register::AL_CONTROL.address, &init.to_bytes(), false),
-        // As after power-on, for an earlier run may have cleared it: the first ESC marks the source address of what it
-        // has processed. Loop control of all ports: automatic; the alias is not used.
+        // As after power-on, for an earlier run may have cleared it: the first ESC marks the source
+        // address of what it has processed. Loop control of all ports: automatic; the alias is not
+        // used.
         (register::DL_CONTROL.address, &[DL_CONTROL_MARKS, 0], true),
         (register::DL_CONTROL.address + 3, &zeros[..1], true),
         (register::RX_ERRORS.address, &zeros[..8], true),

@@ -350,8 +350,8 @@ pub struct Guarded {
     pub length: u16,
     /// Number of PDOs in it, in the order of [`ProcessData::pdos`].
     pub pdos: usize,
-    /// It is a window: the SyncManager stays off, and an FMMU alone maps the bytes, as a rule registers
-    /// (bit 2, "virtual", of its record in the SII).
+    /// It is a window: the SyncManager stays off, and an FMMU alone maps the bytes, as a rule
+    /// registers (bit 2, "virtual", of its record in the SII).
     pub window: bool,
 }
 
@@ -386,8 +386,9 @@ impl ProcessData {
         first.into_iter().chain(self.further.iter().copied())
     }
 
-    /// The bytes of the first SyncManager that is no window: first byte in the process image, and how many;
-    /// `None` if there are none. Windows are read in any state, these only once the device has filled them.
+    /// The bytes of the first SyncManager that is no window: first byte in the process image, and
+    /// how many; `None` if there are none. Windows are read in any state, these only once the
+    /// device has filled them.
     pub(crate) fn exchanged(&self) -> Option<(u32, u16)> {
         let mut logical = self.logical;
         for guarded in self.guarded() {

@@ -237,8 +237,8 @@ fn keys(
     Ok((keys, origin, profile))
 }
 
-/// Whether a device of this profile can exchange the process data that the ENI sets up. Another revision of the product
-/// may have other PDOs.
+/// Whether a device of this profile can exchange the process data that the ENI sets up. Another
+/// revision of the product may have other PDOs.
 fn carries(profile: &Profile, device: &DeviceStartUp) -> bool {
     let areas = [(true, profile.description.outputs), (false, profile.description.inputs)];
     areas.into_iter().all(|(outputs, own)| {

@@ -1,12 +1,14 @@
 //! Writes the events at the SubDevices of a run as waveforms: a VCD file for GTKWave and similar
 //! tools.
 //!
-//! One scope for each SubDevice. Events of the ESC (`sync0`, `sync1`, `sm2`, `sm3`) and missed ones (`sm_missed`) are of the type
-//! `event`; the steps of its program (`copy_outputs`, `application`, `outputs_valid`, `latch_inputs`, `copy_inputs`) are 1 while
-//! they last; `state` is the AL state, with bit 4 for an error. A SubDevice that oversamples has two more for each quantity,
-//! counted from 0: `in0_sample` is the number in its set of the sample that was just taken, `in0_value` is what was taken;
-//! `out0_sample` and `out0_value` are the sample that acts. Each is written at its instant, also where it stays the same. Time
-//! is true time in picoseconds from the beginning of the run.
+//! One scope for each SubDevice. Events of the ESC (`sync0`, `sync1`, `sm2`, `sm3`) and missed ones
+//! (`sm_missed`) are of the type `event`; the steps of its program (`copy_outputs`, `application`,
+//! `outputs_valid`, `latch_inputs`, `copy_inputs`) are 1 while they last; `state` is the AL state,
+//! with bit 4 for an error. A SubDevice that oversamples has two more for each quantity, counted
+//! from 0: `in0_sample` is the number in its set of the sample that was just taken, `in0_value` is
+//! what was taken; `out0_sample` and `out0_value` are the sample that acts. Each is written at its
+//! instant, also where it stays the same. Time is true time in picoseconds from the beginning of
+//! the run.
 
 use std::collections::BTreeMap;
 use std::fs::File;

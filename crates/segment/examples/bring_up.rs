@@ -1,7 +1,8 @@
 //! What the way up of a segment costs, stage by stage: `bring_up SEGMENT.toml...`.
 //!
-//! Virtual time, frames and bytes on the wire (with preamble, frame check sequence and gap), and the worst SYNC0 error in the
-//! judged time behind it. All figures repeat exactly. Exit code 1 if a segment does not come up.
+//! Virtual time, frames and bytes on the wire (with preamble, frame check sequence and gap), and
+//! the worst SYNC0 error in the judged time behind it. All figures repeat exactly. Exit code 1 if a
+//! segment does not come up.
 
 use std::process::ExitCode;
 use std::time::Instant;
@@ -32,7 +33,11 @@ fn main() -> ExitCode {
 fn show(path: &str, scenario: &Scenario) -> bool {
     let begun = Instant::now();
     let outcome = scenario.run().execute(Some(Stages::default()), &mut |_| {});
-    println!("{path}, {} SubDevices ({:.1} s)", scenario.devices.len(), begun.elapsed().as_secs_f64());
+    println!(
+        "{path}, {} SubDevices ({:.1} s)",
+        scenario.devices.len(),
+        begun.elapsed().as_secs_f64()
+    );
     let worst = |of: &dyn Fn(&isocat_sim::judge::Sync0Error) -> f64| {
         let errors = outcome.bench.devices().iter().filter_map(|device| device.sync0.as_ref());
         errors.map(of).fold(0.0, f64::max)
@@ -79,7 +84,9 @@ impl Tap for Stages {
         row.frames += 1;
         row.octets += (bytes.len().max(SHORTEST) + AROUND) as u64;
         // One datagram behind both headers: FRMW, and no other follows.
-        row.drift += u64::from(bytes.get(16) == Some(&14) && bytes.get(23).is_some_and(|more| more & 0x80 == 0));
+        row.drift += u64::from(
+            bytes.get(16) == Some(&14) && bytes.get(23).is_some_and(|more| more & 0x80 == 0),
+        );
     }
 
     fn event(&mut self, at: Time<True>, event: &Event) {
@@ -91,7 +98,14 @@ impl Tap for Stages {
         }
         match event {
             Event::Progress(stage) => {
-                self.all.push(Row { stage: *stage, since: at, until: at, frames: 0, drift: 0, octets: 0 });
+                self.all.push(Row {
+                    stage: *stage,
+                    since: at,
+                    until: at,
+                    frames: 0,
+                    drift: 0,
+                    octets: 0,
+                });
             }
             Event::InOperation { .. } | Event::Failed(_) => self.over = true,
             _ => {}

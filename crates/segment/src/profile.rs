@@ -143,8 +143,8 @@ pub struct Profile {
     pub times: CpuTimes,
     /// Its use of process data.
     pub application: ApplicationKind,
-    /// Where its samples lie, if it oversamples: in its OpMode each SYNC0 takes one of the inputs, or gives one of the outputs.
-    /// A profile file can't tell.
+    /// Where its samples lie, if it oversamples: in its OpMode each SYNC0 takes one of the inputs,
+    /// or gives one of the outputs. A profile file can't tell.
     pub sampling: Option<Sampling>,
     /// PDOs to be assigned: written if 0x1C12 and 0x1C13 are writable, otherwise expected.
     pub assignment: Assignment,

@@ -303,7 +303,8 @@ impl DeviceBench {
         None
     }
 
-    /// The same for a device that oversamples. The first channel of a direction stands for all: they are sampled together.
+    /// The same for a device that oversamples. The first channel of a direction stands for all:
+    /// they are sampled together.
     fn follow_samples(
         &mut self,
         device: &device::Device,

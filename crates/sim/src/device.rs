@@ -34,8 +34,8 @@ pub struct DeviceSetup {
     pub clock: ClockModel,
     /// Its local time at power-on.
     pub local_time: Time<Local>,
-    /// Where its samples lie, if it oversamples. The samples of its inputs stand in the image before its application maps
-    /// the rest.
+    /// Where its samples lie, if it oversamples. The samples of its inputs stand in the image
+    /// before its application maps the rest.
     pub sampling: Option<Sampling>,
 }
 
@@ -410,7 +410,8 @@ impl Device {
                 Step::MapOutputs | Step::MapInputs => {
                     self.tell_time(begin);
                     self.begin(begin, step, watch);
-                    // A buffer that changes hands may restart a watchdog, and may move what the stack waits for.
+                    // A buffer that changes hands may restart a watchdog, and may move what the
+                    // stack waits for.
                     free_until = limit.min(self.esc.next_event()).min(self.timeout);
                     if end > free_until {
                         self.cpu.put_end(step, end);
@@ -501,7 +502,8 @@ impl Device {
                 let sm = |area: ProcessDataArea| al_event::sync_manager(area.sync_manager.into());
                 let (outputs, input_area) = (sm(description.outputs), description.inputs);
                 let inputs = sm(input_area);
-                // Further SyncManagers are exchanged with the first one of their direction, and are no event of their own.
+                // Further SyncManagers are exchanged with the first one of their direction, and are
+                // no event of their own.
                 let further = description.further_outputs.iter().chain(description.further_inputs);
                 let further = further.fold(0, |events, area| events | sm(*area));
                 let content = Content { frame: self.frame, ..Content::default() };

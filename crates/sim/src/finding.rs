@@ -167,8 +167,8 @@ kinds! {
             /// at the MainDevice.
             age: Picos,
         },
-        /// A device that oversamples handed over a set of samples that was not whole: pulses of SYNC0 were missing, or there
-        /// were too many.
+        /// A device that oversamples handed over a set of samples that was not whole: pulses of
+        /// SYNC0 were missing, or there were too many.
         SamplesIncomplete = "samples-incomplete" {
             /// Whether they are samples of outputs; else of inputs.
             outputs: bool,
@@ -291,7 +291,8 @@ impl Judged {
         Some((late.first()?, Self::InputsLate { cycles, count, age }))
     }
 
-    /// Sets of samples were not whole, and since when; `None` if all were. `expected` is how many samples a set has.
+    /// Sets of samples were not whole, and since when; `None` if all were. `expected` is how many
+    /// samples a set has.
     pub fn samples_incomplete(
         samples: &Samples,
         outputs: bool,

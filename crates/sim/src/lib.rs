@@ -10,10 +10,13 @@
 //! `flight` and `disturbance` handle frames that meet a change on their way. [`mod@fault`]
 //! describes the possible faults as data.
 //!
-//! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
-//! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call, what it comes to are [`finding`]s;
-//! a [`course`] is when each SubDevice was in sync; a [`plant`] is the machine behind a drive, and [`plant_bench`] tells what lateness
-//! did to it; [`sampling`] is what converters do that take or give several samples in a cycle. [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for frames from outside.
+//! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know
+//! true time and the intent, and nothing of how the run was planned. [`run`] is the whole main job
+//! in one call, what it comes to are [`finding`]s; a [`course`] is when each SubDevice was in sync;
+//! a [`plant`] is the machine behind a drive, and [`plant_bench`] tells what lateness did to it;
+//! [`sampling`] is what converters do that take or give several samples in a cycle. [`World::new`]
+//! takes the MainDevice's application. [`served`] is a segment in host time, for frames from
+//! outside.
 //!
 //! Devices affect each other only through frames. So the events of a device are processed lazily,
 //! each time a frame reaches it: the cost is per event, not per tick.

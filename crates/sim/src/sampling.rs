@@ -1,13 +1,16 @@
 //! Oversampling: a device takes or gives several samples in a cycle, one at each SYNC0 pulse.
 //!
-//! Inputs: each SYNC0 takes a sample of a signal, and Input Latch hands over the last N samples, the oldest first. Where the
-//! cycle is whole, they are those that were taken since the SYNC1 before; the last one comes with SYNC1.
+//! Inputs: each SYNC0 takes a sample of a signal, and Input Latch hands over the last N samples,
+//! the oldest first. Where the cycle is whole, they are those that were taken since the SYNC1
+//! before; the last one comes with SYNC1.
 //!
-//! Outputs: SYNC1 takes over the set that was mapped, and lets its first sample act. Each SYNC0 behind it lets the next one act.
-//! A device with one sample in a cycle takes the set over at SYNC0.
+//! Outputs: SYNC1 takes over the set that was mapped, and lets its first sample act. Each SYNC0
+//! behind it lets the next one act. A device with one sample in a cycle takes the set over at
+//! SYNC0.
 //!
-//! The signal is a sawtooth of 100 Hz, from zero to the largest number of a sample. It begins at zero with the run, and it is a
-//! function of true time alone, so each sample tells when it was taken.
+//! The signal is a sawtooth of 100 Hz, from zero to the largest number of a sample. It begins at
+//! zero with the run, and it is a function of true time alone, so each sample tells when it was
+//! taken.
 
 use isocat_maindevice::written::Bits;
 use isocat_subdevice::Event;
@@ -56,8 +59,8 @@ pub struct Sample {
     pub is_output: bool,
     /// Number of the channel in its direction.
     pub channel: u16,
-    /// Number of the sample in its set, from 0 on. One of the inputs that is not below [`Sampling::samples`] was not handed over
-    /// in time.
+    /// Number of the sample in its set, from 0 on. One of the inputs that is not below
+    /// [`Sampling::samples`] was not handed over in time.
     pub number: u16,
     /// The bits of the sample.
     pub value: u32,

@@ -242,8 +242,8 @@ impl SmRecord {
     /// Bit of [`enable`](Self::enable): switched on in OP only.
     pub const OP_ONLY: u8 = 0x08;
 
-    /// Whether it is a window: PDOs that are assigned to it are mapped by an FMMU alone, as a rule to
-    /// registers. A mailbox always needs its SyncManager, whatever its record says.
+    /// Whether it is a window: PDOs that are assigned to it are mapped by an FMMU alone, as a rule
+    /// to registers. A mailbox always needs its SyncManager, whatever its record says.
     pub const fn is_window(&self) -> bool {
         let mailbox = matches!(self.kind, sm_type::MAILBOX_OUT | sm_type::MAILBOX_IN);
         self.enable & Self::VIRTUAL != 0 && !mailbox

@@ -89,9 +89,9 @@ impl EsiDevice {
         image::default(self, &self.pdos, mode, &mut Warnings::default())
     }
 
-    /// Windows of outputs that have PDOs by default or in one of its OpModes, by SyncManager number. They are no part
-    /// of the [`image`](Self::image): as a rule they lie on the registers of the SYNC unit, which would be written by
-    /// the plan and by process data both.
+    /// Windows of outputs that have PDOs by default or in one of its OpModes, by SyncManager
+    /// number. They are no part of the [`image`](Self::image): as a rule they lie on the registers
+    /// of the SYNC unit, which would be written by the plan and by process data both.
     pub fn output_windows(&self, mode: Option<&dc::EsiOpMode>) -> Vec<u8> {
         let by_default = self.pdos.iter().filter_map(|pdo| pdo.sync_manager);
         let by_mode = mode.iter().flat_map(|mode| &mode.assignments);

@@ -6,8 +6,9 @@ use super::pdo::{Direction, EsiPdo};
 use super::sync_manager::Purpose;
 use super::warning::{WarningKind, Warnings};
 
-/// The process data of a device: PDOs by SyncManager, ascending, each list in the order of the process data. The entries of a PDO
-/// that oversamples stand there as often as [`EsiPdo::oversampling`] says.
+/// The process data of a device: PDOs by SyncManager, ascending, each list in the order of the
+/// process data. The entries of a PDO that oversamples stand there as often as
+/// [`EsiPdo::oversampling`] says.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Image {
     /// Process data from the MainDevice, by SyncManager number.
@@ -97,7 +98,8 @@ pub(super) fn default(
     image
 }
 
-/// A PDO whose entries repeat `factor` times, each with its own index. Its own factor becomes this one.
+/// A PDO whose entries repeat `factor` times, each with its own index. Its own factor becomes this
+/// one.
 fn oversampled(pdo: &EsiPdo, factor: u16) -> EsiPdo {
     let mut pdo = EsiPdo { oversampling: factor, ..pdo.clone() };
     if factor > 1 {

@@ -40,8 +40,9 @@ pub enum Purpose {
     Outputs,
     /// Process data, SubDevice to MainDevice.
     Inputs,
-    /// No SyncManager at all: a window that an FMMU alone maps, as a rule to registers. The direction is
-    /// that of its text; a text of a mailbox gives none, and nothing can be assigned to it.
+    /// No SyncManager at all: a window that an FMMU alone maps, as a rule to registers. The
+    /// direction is that of its text; a text of a mailbox gives none, and nothing can be assigned
+    /// to it.
     Window(Option<Direction>),
 }
 

@@ -2,7 +2,8 @@
 
 use crate::report::{Device, Report};
 
-/// The head of the segment file, for keys of the whole segment: `in the head of my.toml: shift = "177us"`.
+/// The head of the segment file, for keys of the whole segment: `in the head of my.toml: shift =
+/// "177us"`.
 pub(super) fn head(report: &Report, line: &str) -> String {
     format!("in the head of {}: {line}", file(report))
 }
@@ -12,7 +13,8 @@ pub(super) fn host(report: &Report, line: &str) -> String {
     format!("in [host] of {}: {line}", file(report))
 }
 
-/// The table of one SubDevice: `in [[subdevice]] "axis 1" (line 7 of my.toml): calc_copy = "…"`. With `count` several have one table.
+/// The table of one SubDevice: `in [[subdevice]] "axis 1" (line 7 of my.toml): calc_copy = "…"`.
+/// With `count` several have one table.
 pub(super) fn device(report: &Report, device: &Device, line: &str) -> String {
     let Device { name, line: at, .. } = device;
     format!("in [[subdevice]] \"{name}\" (line {at} of {}): {line}", file(report))

@@ -49,8 +49,8 @@ pub struct AtCycle {
     pub fits: bool,
     /// What the plan says, in one sentence; why there is none, if there is none.
     pub verdict: String,
-    /// Least slack of all lines of the cycle; of all lines where one does not fit. Null if there is no
-    /// plan.
+    /// Least slack of all lines of the cycle; of all lines where one does not fit. Null if there is
+    /// no plan.
     pub least_slack_ns: Option<i64>,
     /// The SubDevices, by position; empty if there is no plan.
     pub devices: Vec<DeviceAt>,

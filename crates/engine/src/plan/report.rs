@@ -160,7 +160,8 @@ pub struct Device {
 }
 
 impl Device {
-    /// Its line of the cycle with the least slack; where a line does not fit, the one that lacks most.
+    /// Its line of the cycle with the least slack; where a line does not fit, the one that lacks
+    /// most.
     pub fn tightest(&self) -> Option<&Line> {
         let counts = |line: &&Line| line.check.is_of_cycle() || line.slack_ns < 0;
         self.lines.iter().filter(counts).min_by_key(|line| line.slack_ns)

@@ -146,7 +146,8 @@ impl PlanReport {
         Ok(())
     }
 
-    /// Whether two neighbours are one row: the same kind that does the same, and every demand of both fits or none does.
+    /// Whether two neighbours are one row: the same kind that does the same, and every demand of
+    /// both fits or none does.
     fn same(&self, a: &Device, b: &Device) -> bool {
         let kind = |device: &Device| {
             let phases = (device.earliest_phase_ns.is_some(), device.latest_phase_ns.is_some());

@@ -1,13 +1,20 @@
-//! SubDevices of a report that are told as one: neighbours of the same kind that do the same, with the worst of their figures.
+//! SubDevices of a report that are told as one: neighbours of the same kind that do the same, with
+//! the worst of their figures.
 
 use super::{Device, Report, Span, Spread};
 use crate::fold::fold;
 
 impl Report {
-    /// The SubDevices in stretches: neighbours with the same profile, mode, cycle, state and counters stand together, from
-    /// [`crate::fold::LEAST`] on. The reference clock, and any that a finding names, stand alone.
+    /// The SubDevices in stretches: neighbours with the same profile, mode, cycle, state and
+    /// counters stand together, from [`crate::fold::LEAST`] on. The reference clock, and any that a
+    /// finding names, stand alone.
     pub fn alike(&self) -> Vec<&[Device]> {
-        fold(&self.devices, |a, b| self.is_plain(a) && self.is_plain(b) && same(a, b))
+        fold(&self.devices, |a, b| self.alike_with(a, b))
+    }
+
+    /// Whether two neighbours are told as one.
+    pub fn alike_with(&self, a: &Device, b: &Device) -> bool {
+        self.is_plain(a) && self.is_plain(b) && same(a, b)
     }
 
     fn is_plain(&self, device: &Device) -> bool {
@@ -39,7 +46,8 @@ fn same(a: &Device, b: &Device) -> bool {
             == (b.true_time.outputs_late, b.true_time.inputs_late)
 }
 
-/// The worst of several errors: the mean that is furthest from zero, the largest deviation, the widest range.
+/// The worst of several errors: the mean that is furthest from zero, the largest deviation, the
+/// widest range.
 pub fn worst_spread(all: impl Iterator<Item = Option<Spread>>) -> Option<Spread> {
     all.flatten().reduce(|a, b| Spread {
         count: a.count + b.count,

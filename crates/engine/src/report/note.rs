@@ -115,7 +115,8 @@ kinds! {
 }
 
 impl Note {
-    /// All of them as sentences; what is the same of several SubDevices is one, at the place of the first.
+    /// All of them as sentences; what is the same of several SubDevices is one, at the place of the
+    /// first.
     pub(crate) fn sentences<'a>(notes: impl Iterator<Item = &'a Note>) -> Vec<String> {
         let mut said: Vec<Vec<&Note>> = Vec::new();
         let mut known: HashMap<(NoteKind, &str), usize> = HashMap::new();

@@ -251,7 +251,8 @@ pub struct SyncManager {
     pub control_in_words: String,
     /// Whether the SII enables it.
     pub enabled: bool,
-    /// By the SII a window (bit 2, "virtual"): it stays off, and an FMMU alone maps what is assigned to it.
+    /// By the SII a window (bit 2, "virtual"): it stays off, and an FMMU alone maps what is
+    /// assigned to it.
     pub window: bool,
     /// Use by the SII: unused, mailbox out, mailbox in, outputs, inputs.
     pub use_in_sii: String,
@@ -285,7 +286,8 @@ pub struct ProcessData {
     pub source: String,
     /// SyncManager that guards them, the first one if there are several; null without.
     pub sync_manager: Option<u8>,
-    /// The first one is a window: the SyncManager is off, and an FMMU alone maps the bytes, as a rule registers.
+    /// The first one is a window: the SyncManager is off, and an FMMU alone maps the bytes, as a
+    /// rule registers.
     pub window: bool,
     /// First byte in the ESC's memory.
     pub start: u16,

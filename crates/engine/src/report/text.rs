@@ -299,7 +299,8 @@ fn names(row: &[Device]) -> Vec<(usize, &str)> {
     row.iter().map(|device| (device.position, device.name.as_str())).collect()
 }
 
-/// `SubDevice 2: …`, and `SubDevices 3 to 14: …` where the same is said of several, in the order in which each is said first.
+/// `SubDevice 2: …`, and `SubDevices 3 to 14: …` where the same is said of several, in the order in
+/// which each is said first.
 fn said_of_several(all: impl Iterator<Item = (usize, String)>) -> Vec<String> {
     let mut said: Vec<(Vec<usize>, String)> = Vec::new();
     let mut known: HashMap<String, usize> = HashMap::new();

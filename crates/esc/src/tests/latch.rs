@@ -269,8 +269,8 @@ fn a_reset_leaves_the_pins() {
     assert_eq!(bench.read(register::LATCH1_STATUS), 4);
 }
 
-/// A FMMU maps the unit into the process image: what arrives there are the registers, and as any read of them by the
-/// owner it frees the edge.
+/// A FMMU maps the unit into the process image: what arrives there are the registers, and as any
+/// read of them by the owner it frees the edge.
 #[test]
 fn a_fmmu_reads_the_unit() {
     let mut bench = Bench::new(&LAN9252);

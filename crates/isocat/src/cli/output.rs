@@ -53,7 +53,8 @@ impl Output {
         let Some((part, target)) = &self.names else { return Ok(()) };
         self.file.sync_all()?;
         fs::rename(part, target)?;
-        // The name is on the disk with its folder; where folders can't be opened, the file is good all the same.
+        // The name is on the disk with its folder; where folders can't be opened, the file is good
+        // all the same.
         let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Ok(folder) = File::open(folder.unwrap_or(Path::new("."))) {
             let _ = folder.sync_all();

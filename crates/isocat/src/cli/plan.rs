@@ -20,17 +20,20 @@ use crate::tool::{File, Tool};
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("runs").args(["prove", "what_if"]).multiple(true))]
 pub struct Arguments {
-    /// Segment file, or an ENI (.xml, .eni) to compare with the plan; without one, the built-in segment is planned
+    /// Segment file, or an ENI (.xml, .eni) to compare with the plan; without one, the built-in
+    /// segment is planned
     segment: Option<String>,
-    /// Run the segment in virtual time with the worst jitter that is planned with, and show next to each line
-    /// what really happened
+    /// Run the segment in virtual time with the worst jitter that is planned with, and show next to
+    /// each line what really happened
     #[arg(long)]
     prove: bool,
-    /// With --prove: how long the proof runs once all devices are in OP; default as the segment file says.
-    /// Else print the plan for another tool: twincat, igh, lcec, ros2, soem, pysoem, ethercrab, kickcat
+    /// With --prove: how long the proof runs once all devices are in OP; default as the segment
+    /// file says. Else print the plan for another tool: twincat, igh, lcec, ros2, soem, pysoem,
+    /// ethercrab, kickcat
     #[arg(long = "for", value_name = "DURATION|TOOL", value_parser = purpose)]
     purpose: Option<Purpose>,
-    /// With --for TOOL: write its file here, or its files into this folder where it wants several (ros2)
+    /// With --for TOOL: write its file here, or its files into this folder where it wants several
+    /// (ros2)
     #[arg(long, value_name = "FILE|FOLDER", requires = "purpose")]
     out: Option<PathBuf>,
     /// Seed of the runs
@@ -45,20 +48,21 @@ pub struct Arguments {
     /// Look for the phase with the most even slack and for the smallest cycle that fits
     #[arg(long)]
     suggest: bool,
-    /// Plan the segment at each of these bus cycles instead, such as 250us,500us,1ms, and print one table: whether it
-    /// fits, and the mode and the least slack of each SubDevice
+    /// Plan the segment at each of these bus cycles instead, such as 250us,500us,1ms, and print one
+    /// table: whether it fits, and the mode and the least slack of each SubDevice
     #[arg(long, value_name = "CYCLES", value_delimiter = ',', value_parser = cycle,
         conflicts_with_all = ["prove", "purpose", "suggest", "what_if", "start_up", "eni", "chips", "report"])]
     cycles: Vec<String>,
-    /// Run the segment once for each cable that is pulled and each SubDevice that loses its power, and show which
-    /// SubDevices stay in sync, whose outputs go safe, and when all are in sync again; for all, or for those named by
-    /// position or name (--what-if=3,5)
+    /// Run the segment once for each cable that is pulled and each SubDevice that loses its power,
+    /// and show which SubDevices stay in sync, whose outputs go safe, and when all are in sync
+    /// again; for all, or for those named by position or name (--what-if=3,5)
     #[arg(long, value_name = "DEVICES", num_args = 0..=1, require_equals = true, default_missing_value = "all")]
     what_if: Option<String>,
     /// How long the cable or the power is gone; default 500ms, 60s at most
     #[arg(long, value_name = "DURATION", value_parser = gone, requires = "what_if")]
     gone: Option<Nanos>,
-    /// Print instead what the way up will write, per device and transition, and the frames of a cycle
+    /// Print instead what the way up will write, per device and transition, and the frames of a
+    /// cycle
     #[arg(long, conflicts_with_all = ["prove", "suggest", "what_if"])]
     start_up: bool,
     /// Also write the start-up list to this file, as ENI
@@ -67,7 +71,8 @@ pub struct Arguments {
     /// Print as one JSON document
     #[arg(long)]
     json: bool,
-    /// Also write the plan to this file: with timing diagrams if it ends in .html, JSON if in .json, else text
+    /// Also write the plan to this file: with timing diagrams if it ends in .html, JSON if in
+    /// .json, else text
     #[arg(long, value_name = "FILE", conflicts_with = "start_up")]
     report: Option<PathBuf>,
     #[command(flatten)]

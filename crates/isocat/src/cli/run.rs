@@ -274,7 +274,8 @@ fn finish(
     let limit = scenario.sync0_limit;
     match &recorded {
         Some(recorded) => report.explain(recorded, &found, limit),
-        // A run in sync shall not pay for a recorder, so another one is recorded where it has to be told why.
+        // A run in sync shall not pay for a recorder, so another one is recorded where it has to be
+        // told why.
         None if !report.in_sync && !refused => {
             let (recorded, found) = record_again(scenario);
             report.explain(&recorded, &found, limit);

@@ -274,7 +274,8 @@ impl Arguments {
         scenario.drift_law = self.drift_law.or(scenario.drift_law);
         scenario.force = self.force;
         scenario.drift_compensation &= !self.no_drift_compensation;
-        // What registers and objects say is read in the background, in the default share of the wire if the file has none.
+        // What registers and objects say is read in the background, in the default share of the
+        // wire if the file has none.
         scenario.operation.quality.get_or_insert_default();
         scenario
     }

@@ -17,6 +17,22 @@ pub fn figure(picture: Option<&Picture>, words: &str) -> Markup {
     }
 }
 
+/// What colours of a drawing mean: a class of the drawing, and words. Strokes begin with `m`.
+pub(crate) fn legend(signs: &[(&str, &str)]) -> Markup {
+    html! {
+        p.legend {
+            @for (class, words) in signs {
+                span {
+                    svg.picture viewBox="0 0 18 14" aria-hidden="true" {
+                        @if class.starts_with("m ") { line class=(class) x1="9" y1="0" x2="9" y2="14" {} }
+                        @else { rect class=(class) x="1" y="3" width="16" height="9" {} }
+                    }
+                    (words)
+                }
+            }
+        }
+    }
+}
 /// A key figure of a page.
 pub(crate) fn tile(what: &str, value: &str, from: &str) -> Markup {
     html! {

@@ -3,10 +3,14 @@
 use isocat_descriptions::quantity::time;
 use isocat_engine::Report;
 use isocat_engine::diagnosis::{Diagnosis, diagnose};
+use isocat_engine::fold::{fold, range};
+use isocat_engine::recording::cycle::CycleSeen;
 pub use isocat_engine::recording::spans;
 use isocat_engine::recording::{Recorded, RecordedDevice};
 use isocat_engine::report::{Device, Span};
+use isocat_engine::report::alike::{widest_span, worst_spread};
 use isocat_maindevice::Segment;
+use isocat_maindevice::segment::Timing;
 use isocat_sync::SyncMode;
 use isocat_sync::budget::Check;
 use isocat_sync::phase;
@@ -15,14 +19,16 @@ use maud::{Markup, html};
 
 use super::expected;
 use super::parts::{
-    age_cell, bad_tile, counter_cells, error_cells, figure, findings, notes, origin, origins,
-    range, slack, table, tile,
+    age_cell, bad_tile, counter_cells, error_cells, figure, findings, legend, notes, origin,
+    origins, range as range_of, slack, table, tile,
 };
 use super::plant;
 use super::{Page, compact};
 use crate::picture::Picture;
 use crate::picture::bars::Histogram;
 use crate::picture::cycle::{Cycle, events, ns};
+use crate::picture::margin;
+use crate::picture::segment::{Devices, Row, tightest};
 use crate::picture::series::Chart;
 use crate::picture::topology::{self, Node};
 
@@ -64,6 +70,7 @@ impl Run<'_> {
             }
             (why(&diagnoses))
             (self.tiles())
+            (self.all_devices(&diagnoses))
             @if diagnoses.is_empty() { (findings("What speaks against it", &report.findings)) }
             (expected::sections(report))
             (plant::section(report.plants.as_ref()))
@@ -232,23 +239,23 @@ impl Run<'_> {
             "missed [t]",
         ];
         let rows = html! {
-            @for device in &self.report.devices {
+            @for row in self.report.alike() {
+                @let device = &row[0];
+                @let seen = |pick: fn(&Device) -> Option<f64>, worse: fn(f64, f64) -> f64| row.iter().filter_map(pick).reduce(worse);
+                @let margin = seen(|d| Some(d.true_time.sync0_margin?.min_ns), f64::min);
+                @let difference = seen(|d| Some(d.registers.system_time_difference_ns? as f64), |a, b| if b.abs() > a.abs() { b } else { a });
                 tr data-device=(device.position) {
                     td { input type="checkbox" checked aria-label={ "show SubDevice " (device.position) } data-hides=(device.position); }
-                    td.number { (device.position) }
-                    td { a href={ "#device-" (device.position) } { (device.name) } }
+                    td.number { (range(device.position, row[row.len() - 1].position)) }
+                    td { a href={ "#device-" (device.position) } { (names(row)) } }
                     td.word { (device.mode) }
                     td.number { (device.cycle_ns.map_or("-".into(), |ns| Nanos(ns).to_string())) }
                     td.bad[device.registers.al_status.is_error()] { (device.registers.al_status) }
-                    (error_cells(device.true_time.sync0_error.as_ref()))
-                    td.number.bad[device.true_time.sync0_margin.is_some_and(|m| m.min_ns < 0.0)] {
-                        (device.true_time.sync0_margin.map_or("-".into(), |margin| ns(margin.min_ns)))
-                    }
-                    (age_cell(device.true_time.outputs_age, device.true_time.outputs_late))
-                    (age_cell(device.true_time.inputs_age, device.true_time.inputs_late))
-                    td.number {
-                        (device.registers.system_time_difference_ns.map_or("-".into(), |ns| time(ns as f64)))
-                    }
+                    (error_cells(worst_spread(row.iter().map(|d| d.true_time.sync0_error)).as_ref()))
+                    td.number.bad[margin.is_some_and(|margin| margin < 0.0)] { (margin.map_or("-".into(), ns)) }
+                    (age_cell(widest_span(row.iter().map(|d| d.true_time.outputs_age)), device.true_time.outputs_late))
+                    (age_cell(widest_span(row.iter().map(|d| d.true_time.inputs_age)), device.true_time.inputs_late))
+                    td.number { (difference.map_or("-".into(), time)) }
                     (counter_cells(&device.registers.output_counters))
                     td.number.bad[device.true_time.missed_events > 0] { (device.true_time.missed_events) }
                 }
@@ -261,9 +268,73 @@ impl Run<'_> {
                     "0x1C32: 0B SM event missed, 0C cycle time too small, 0D shift time too short, 20 sync error. "
                     "0x092C as it was read when the clocks had converged. Ages are means: of outputs from their frame at the "
                     "MainDevice to Outputs Valid, of inputs from Input Latch to the MainDevice. A box hides a SubDevice below."
+                    @if self.report.alike().len() < self.report.devices.len() {
+                        " Equal SubDevices side by side are one row, with the worst of their figures; the report for programs has each."
+                    }
                 }
                 (table(&heads, rows))
                 (self.samples())
+            }
+        }
+    }
+
+    /// Equal SubDevices side by side are one row of a drawing: all rows, the tightest margin first,
+    /// those without a deadline last.
+    fn rows(&self, timing: &Timing, diagnoses: &[Diagnosis]) -> Vec<(&[Device], Row<'_>)> {
+        let row = |devices: &'_ [Device]| Row {
+            name: title(devices),
+            members: devices
+                .iter()
+                .map(|device| (device.position, self.seen(device.position)))
+                .collect(),
+        };
+        let alike = fold(&self.report.devices, |a, b| {
+            let plain = |one: &Device| diagnoses.iter().all(|d| d.position != Some(one.position));
+            plain(a) && plain(b) && self.report.alike_with(a, b)
+        });
+        let mut rows: Vec<_> = alike.into_iter().map(|devices| (devices, row(devices))).collect();
+        rows.sort_by(|(_, a), (_, b)| {
+            let left = |row: &Row<'_>| {
+                let of = |(at, seen)| margin::least(&margin::margins(timing, at, seen));
+                tightest(timing, row).and_then(of)
+            };
+            // What has no deadline comes behind all that has one.
+            let left = [a, b].map(|row| left(row).unwrap_or(f64::INFINITY));
+            let wrong = |row: &Row<'_>| {
+                let at = row.members[0].0;
+                diagnoses.iter().any(|diagnosis| diagnosis.position == Some(at))
+            };
+            wrong(b).cmp(&wrong(a)).then(left[0].total_cmp(&left[1]))
+        });
+        rows
+    }
+
+    fn seen(&self, position: usize) -> Option<&CycleSeen> {
+        self.recorded.devices.get(position)?.cycle.as_ref()
+    }
+
+    /// All SubDevices on one axis.
+    fn all_devices(&self, diagnoses: &[Diagnosis]) -> Markup {
+        let Some(timing) = &self.segment.timing else { return html! {} };
+        let rows: Vec<Row<'_>> =
+            self.rows(timing, diagnoses).into_iter().map(|(_, row)| row).collect();
+        let Some(picture) = (Devices { id: "all", timing, rows: &rows }).draw() else {
+            return html! {};
+        };
+        let jitter = timing.cycle.jitter;
+        html! {
+            section #all {
+                h2 { "All SubDevices in the bus cycle" }
+                p.quiet {
+                    "The tightest first. What is left at worst until outputs act, and until the next frame takes inputs: green more than the "
+                    (jitter) " that a frame may be late, orange less, red too late."
+                }
+                (figure(Some(&picture), ""))
+                (legend(&[
+                    ("outputs", "outputs: copied and calculated"), ("m pulse", "acting pulse"),
+                    ("m inputs", "Input Latch"), ("inputs", "inputs: until they stand in the buffer"),
+                    ("wire", "frame"), ("jitter", "how late it may be"),
+                ]))
             }
         }
     }
@@ -274,26 +345,28 @@ impl Run<'_> {
             true => "of the judged time",
             false => "of the way up, up to where it failed",
         };
-        // Those with trouble first.
         let wrong = |at: usize| diagnoses.iter().any(|d| d.position == Some(at));
-        let mut order: Vec<usize> = (0..self.report.devices.len()).collect();
-        order.sort_by_key(|at| !wrong(*at));
+        let rows = self.rows(timing, diagnoses);
+        let folded = rows.iter().any(|(devices, _)| devices.len() > 1);
         html! {
             section #cycles {
                 h2 { "The cycle of each SubDevice" }
                 p {
                     "Times count from the begin of the bus cycle by the reference clock. Dashed: earliest and latest instants of the "
                     "plan. Filled: what was seen in true time in the cycles " (when) ", the mean; pale: from the least to the largest. "
+                    @if folded { "Of equal SubDevices side by side the one with the least margin is drawn. " }
                     span.script { "Draw a part to zoom into it; point at something for its figures; + - 0 and arrow keys work, too." }
                 }
-                @for at in order {
-                    (self.cycle(timing, at, wrong(at)))
+                @for (devices, row) in &rows {
+                    @let at = tightest(timing, row).map_or(devices[0].position, |(at, _)| at);
+                    (self.cycle(timing, devices, at, wrong(at)))
                 }
             }
         }
     }
 
-    fn cycle(&self, timing: &isocat_maindevice::segment::Timing, at: usize, wrong: bool) -> Markup {
+    /// The drawing of one SubDevice, which may stand for several.
+    fn cycle(&self, timing: &Timing, devices: &[Device], at: usize, wrong: bool) -> Markup {
         let device = &self.report.devices[at];
         let none = RecordedDevice::default();
         let seen = self.recorded.devices.get(at).unwrap_or(&none);
@@ -308,8 +381,11 @@ impl Run<'_> {
             )
         });
         html! {
-            article #{ "device-" (at) } data-device=(at) {
-                h3.bad[wrong] { (at) " " (device.name) " " span.quiet { (device.mode) } }
+            article #{ "device-" (devices[0].position) } data-device=(devices[0].position) {
+                h3.bad[wrong] { (title(devices)) " " span.quiet { (device.mode) } }
+                @if devices.len() > 1 {
+                    p.quiet { (devices.len()) " equal SubDevices; drawn is " (at) " (" (device.name) "), which has the least margin." }
+                }
                 @if !device.mode_reason.is_empty() { p.quiet { (device.mode_reason) } }
                 @if let (Some(cycle), true) = (&seen.cycle, device.mode == SyncMode::FreeRun) {
                     p.quiet {
@@ -328,12 +404,19 @@ impl Run<'_> {
 
     fn errors(&self) -> Markup {
         let length = (self.recorded.length.0 as f64 / 1e3).max(1.0);
+        let worst = |device: &&Device| device.true_time.sync0_error.map_or(0.0, |e| e.worst_ns);
+        let none = RecordedDevice::default();
+        let recorded = |at: usize| self.recorded.devices.get(at).unwrap_or(&none);
         let with_sync0: Vec<_> = self
             .report
-            .devices
-            .iter()
-            .zip(&self.recorded.devices)
-            .filter(|(_, seen)| seen.sync0.count() > 0)
+            .alike()
+            .into_iter()
+            .filter_map(|row| {
+                // Of equal ones the one that is furthest off.
+                let device = row.iter().max_by(|a, b| worst(a).total_cmp(&worst(b)))?;
+                Some((&row[0], device, row.len()))
+            })
+            .filter(|(_, device, _)| recorded(device.position).sync0.count() > 0)
             .collect();
         if with_sync0.is_empty() {
             return html! {};
@@ -345,8 +428,11 @@ impl Run<'_> {
                     "Each SYNC0 edge in true time against the grid of the reference clock: mean and, pale, least to largest of each "
                     "span of time. Dashed red: the limit of " (self.limit) ", where that is near. Red marks: missed SM events."
                 }
-                @for (device, seen) in with_sync0 {
-                    (self.error(device, seen, length))
+                @for (first, device, count) in with_sync0 {
+                    div data-device=(first.position) {
+                        @if count > 1 { p.quiet { "Of " (count) " equal SubDevices from " (first.position) " on, the one that was furthest off:" } }
+                        (self.error(device, recorded(device.position), length))
+                    }
                 }
             }
         }
@@ -438,10 +524,10 @@ impl Run<'_> {
                 }
                 table.facts {
                     @if let Some(spread) = seen.host_phase_error {
-                        tr { th { "frames against their phase " (origin("t")) } td { (range(&spread.span())) } }
+                        tr { th { "frames against their phase " (origin("t")) } td { (range_of(&spread.span())) } }
                     }
                     @if let Some(spread) = counted.host_phase_error {
-                        tr { th { "the same as the host measured it " (origin("m")) } td { (range(&spread.span())) } }
+                        tr { th { "the same as the host measured it " (origin("m")) } td { (range_of(&spread.span())) } }
                     }
                     @if let Some(ppb) = counted.reference_rate_ppb {
                         tr {
@@ -508,12 +594,17 @@ impl Run<'_> {
                 td.number { (time(frames.needed.0 as f64)) } td.number { (time(frames.available.0 as f64)) }
                 (slack(frames.slack().0)) td.number { "-" }
             }
-            @for device in &self.report.devices {
+            @for row in self.report.alike() {
                 @for check in Check::OF_DEVICE {
-                    @if let Some(demand) = timing.demand(device.position, check) {
+                    @let of = |device: &Device| Some((device.position, timing.demand(device.position, check)?));
+                    @if let Some((position, demand)) = row.iter().filter_map(of).min_by_key(|(_, demand)| demand.line().slack()) {
+                        @let device = &self.report.devices[position];
                         @let line = demand.line();
-                        tr data-device=(device.position) {
-                            td { (device.position) " " (device.name) }
+                        tr data-device=(row[0].position) {
+                            td {
+                                (title(row))
+                                @if row.len() > 1 { span.quiet { ", least at " (position) } }
+                            }
                             td { (check.words()) }
                             td { (check.source().map_or(String::new(), |source| source.to_string())) }
                             td.number { (time(line.needed.0 as f64)) }
@@ -602,6 +693,20 @@ impl Run<'_> {
     }
 }
 
+/// Place and name of one SubDevice, or of several that are told as one.
+fn title(devices: &[Device]) -> String {
+    format!(
+        "{} {}",
+        range(devices[0].position, devices[devices.len() - 1].position),
+        names(devices)
+    )
+}
+
+fn names(devices: &[Device]) -> String {
+    isocat_engine::fold::name(
+        &devices.iter().map(|device| device.name.as_str()).collect::<Vec<_>>(),
+    )
+}
 /// The diagnoses: place, cause and remedies.
 fn why(diagnoses: &[Diagnosis]) -> Markup {
     html! {

@@ -17,6 +17,7 @@ use isocat_wire::time::Nanos;
 
 use super::Picture;
 use super::frame::{Align, Frame};
+use super::margin::{Margin, margins};
 
 /// The data of the drawing.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +50,7 @@ impl Cycle<'_> {
             frame: Frame::new(self.id, &title, from, to),
             timing: self.timing,
             device,
+            position: self.position,
             moments,
             seen: self.seen,
         };
@@ -87,6 +89,11 @@ impl Cycle<'_> {
             from = from.min(seen.least() as f64 / 1e3);
             to = to.max(seen.largest() as f64 / 1e3);
         }
+        // From SYNC0 to the next one, so that the cycle time has both ends.
+        let sync0 = self.seen.and_then(|seen| seen.of(Moment::Sync0)).map(|seen| seen.mean() / 1e3);
+        if let Some(sync0) = sync0.or_else(|| moments.sync0.map(middle)).filter(|_| !own) {
+            to = to.max(sync0 + device.pulses.sync0_cycle.0 as f64);
+        }
         let margin = (to - from) * 0.015;
         (from - margin, to + margin)
     }
@@ -96,6 +103,7 @@ struct Drawing<'a> {
     frame: Frame,
     timing: &'a Timing,
     device: &'a Device,
+    position: usize,
     moments: Moments,
     seen: Option<&'a CycleSeen>,
 }
@@ -103,6 +111,8 @@ struct Drawing<'a> {
 /// Heights in a lane.
 const BAR: f64 = 13.0;
 const LANE: f64 = 40.0;
+/// Frames that are drawn at most.
+const MOST_FRAMES: i64 = 64;
 
 impl Drawing<'_> {
     fn seen(&self, moment: Moment) -> Option<&Statistics> {
@@ -189,15 +199,22 @@ impl Drawing<'_> {
             let latest = (span.earliest.0 as f64, span.latest.0 as f64);
             self.frame.bar("plan", latest, y - 2.0, BAR + 4.0, &tip);
         }
-        self.frame.label("", from, y - 6.0, Align::Start, label);
+        // Below its bar: above it are the names of events.
+        self.frame.label("", from, y + BAR + 12.0, Align::Start, label);
     }
 
     fn wire(&mut self) {
         let y = self.frame.lane("frames", 30.0) + 11.0;
         let cycle = self.timing.cycle;
-        for turn in 0..2 {
-            for frame in &self.timing.frames {
-                let begin = cycle.send + Nanos(cycle.cycle.0 * turn);
+        let last = self.frame.last();
+        // As many as there is room for; a slow SubDevice on a fast bus sees many.
+        for turn in 0..MOST_FRAMES {
+            let begin = cycle.send + Nanos(cycle.cycle.0 * turn);
+            if begin.0 as f64 > last {
+                break;
+            }
+            let in_cycle = |every: u32| turn % i64::from(every.max(1)) == 0;
+            for frame in self.timing.frames.iter().filter(|frame| in_cycle(frame.every)) {
                 let (from, to) = ((begin + frame.begin).0 as f64, (begin + frame.end).0 as f64);
                 let tip = format!(
                     "frame with {} bytes, {} datagrams\nplanned from {} to {} at the reference clock, up to {} later",
@@ -246,7 +263,7 @@ impl Drawing<'_> {
 
     fn pulses(&mut self) {
         let Some(sync0) = self.middle(Moment::Sync0) else { return };
-        let y = self.frame.lane("SYNC", LANE + 8.0) + 25.0;
+        let y = self.frame.lane("SYNC", LANE + 18.0) + 39.0;
         self.event("pulse", Moment::Sync0, "SYNC0", "SYNC0", y);
         if self.middle(Moment::Sync1).is_some() {
             self.event("pulse", Moment::Sync1, "SYNC1", "SYNC1", y);
@@ -260,7 +277,7 @@ impl Drawing<'_> {
             at += cycle.0 as f64;
         }
         let words = format!("cycle time 1C32:02 {cycle}");
-        self.frame.distance("", (sync0, next), y - 16.0, &words, &words);
+        self.frame.distance("", (sync0, next), y - 21.0, &words, &words);
     }
 
     fn outputs(&mut self) {
@@ -269,7 +286,7 @@ impl Drawing<'_> {
         {
             return;
         }
-        let y = self.frame.lane("outputs", LANE + 12.0) + 31.0;
+        let y = self.frame.lane("outputs", LANE + 30.0) + 39.0;
         let begin = match self.seen(Moment::OutputsFetched) {
             Some(_) => Moment::OutputsFetched,
             None if self.device.mode == SyncMode::DcSync1 => Moment::Sync0,
@@ -295,7 +312,7 @@ impl Drawing<'_> {
                 None => format!("delay 1C32:09 {after}"),
             };
             let seen = format!("{words}\nfrom the pulse to Outputs Valid {}", time(valid - pulse));
-            self.frame.distance("", (pulse, valid), y - 16.0, &words, &seen);
+            self.frame.distance("", (pulse, valid), y - 21.0, &words, &seen);
         }
     }
 
@@ -304,13 +321,13 @@ impl Drawing<'_> {
         if self.seen(ends.0).is_none() || self.seen(ends.1).is_none() {
             return;
         }
-        let y = self.frame.lane("application", LANE - 6.0) + 15.0;
+        let y = self.frame.lane("application", LANE - 4.0) + 7.0;
         self.work("application", ends, "application", "application", y);
     }
 
     fn inputs(&mut self) {
         let Some(latch) = self.middle(Moment::InputLatch) else { return };
-        let y = self.frame.lane("inputs", LANE + 12.0) + 31.0;
+        let y = self.frame.lane("inputs", LANE + 30.0) + 39.0;
         let begin = match self.seen(Moment::InputsBegin) {
             Some(_) => Moment::InputsBegin,
             None => Moment::InputLatch,
@@ -330,39 +347,31 @@ impl Drawing<'_> {
         let pulse = self.acting().and_then(|pulse| self.middle(pulse));
         if let Some(pulse) = pulse.filter(|_| self.device.input_shift > Nanos::ZERO) {
             let words = format!("shift 1C33:03 {}", self.device.input_shift);
-            self.frame.distance("", (pulse.min(latch), latch), y - 16.0, &words, &words);
+            self.frame.distance("", (pulse.min(latch), latch), y - 21.0, &words, &words);
         }
     }
 
     /// Draws the least slack before each deadline.
     fn margins(&mut self) {
-        let from = if self.seen.is_some() { "seen" } else { "planned" };
-        let ready = self.ends(Moment::OutputsReady).map(|(_, latest)| latest);
-        let pulse = self.acting().and_then(|pulse| self.ends(pulse)).map(|(earliest, _)| earliest);
-        let inputs = self.ends(Moment::InputsAvailable).map(|(_, latest)| latest);
-        let fetched = self.moments.of(Moment::Sm3).map(|span| span.earliest.0 as f64);
-        let pairs = [
-            ("outputs", "the acting pulse", ready.zip(pulse)),
-            ("inputs", "the next frame", inputs.zip(fetched)),
-        ];
-        if pairs.iter().all(|(.., pair)| pair.is_none()) {
+        let margins = margins(self.timing, self.position, self.seen);
+        if margins.is_empty() {
             return;
         }
+        let from = if self.seen.is_some() { "seen" } else { "planned" };
         let y = self.frame.lane("margins", LANE) + 25.0;
-        for (what, until, pair) in pairs {
-            let Some((done, deadline)) = pair else { continue };
-            let left = deadline - done;
-            let class = if left < 0.0 { "bad" } else { "good" };
+        for margin in margins {
+            let Margin { what, until, done, deadline, left } = margin;
             let words = match left < 0.0 {
-                true => format!("{what} too late by {}", ns(-left)),
+                true => format!("{what} too late by {}", time(-left)),
                 false => format!("{what} {}", ns(left)),
             };
             let tip = format!(
-                "{what}: what is left until {until}, latest to earliest {from}: {}\nfrom {} to {}",
+                "{what}: what is left until {until} at worst, {from}: {}\nfrom {} at the latest to {} at the earliest",
                 ns(left),
                 exact(done),
                 exact(deadline)
             );
+            let class = margin.class(self.timing.cycle.jitter);
             self.frame.distance(class, (done.min(deadline), done.max(deadline)), y, &words, &tip);
         }
     }
@@ -395,12 +404,7 @@ fn exact(ns: f64) -> String {
 
 /// A margin in whole ns, with groups of three digits.
 pub(crate) fn ns(value: f64) -> String {
-    let whole = value.floor() as i64;
-    let digits = whole.unsigned_abs().to_string();
-    let groups: Vec<&[u8]> = digits.as_bytes().rchunks(3).rev().collect();
-    let groups: Vec<_> = groups.into_iter().map(String::from_utf8_lossy).collect();
-    let grouped = groups.join("\u{202F}");
-    format!("{}{grouped} ns", if whole < 0 { "-" } else { "" })
+    time(value.floor())
 }
 
 /// The events around a pulse that found no outputs ready, which is at 0: from the SM2 event before

@@ -75,6 +75,10 @@ impl Frame {
         self.left + (ns - self.from) / (self.to - self.from) * (WIDTH - RIGHT - self.left)
     }
 
+    /// The last time, ns.
+    pub(super) fn last(&self) -> f64 {
+        self.to
+    }
     /// Opens a lane of this height below the others; returns its upper edge.
     pub fn lane(&mut self, name: &str, height: f64) -> f64 {
         let top = self.bottom;
@@ -163,6 +167,10 @@ impl Frame {
         self.label_of(class, (from, to), y - 6.0, Align::Middle, words);
     }
 
+    /// Words in the middle of what goes from one instant to another.
+    pub fn between(&mut self, class: &str, ends: (f64, f64), y: f64, words: &str) -> bool {
+        self.label_of(class, ends, y, Align::Middle, words)
+    }
     /// Puts a label at `at` ns with `y` as its base line, unless it would overlap another one:
     /// every element has its figures also as a title. Returns whether it was put.
     pub fn label(&mut self, class: &str, at: f64, y: f64, align: Align, words: &str) -> bool {
@@ -178,25 +186,30 @@ impl Frame {
         align: Align,
         words: &str,
     ) -> bool {
-        let at = (ends.0 + ends.1) / 2.0;
         if ends.1 < self.from || ends.0 > self.to {
             return false;
         }
-        let (x, width) = (self.x(at), words.chars().count() as f64 * CHARACTER);
-        let mut begin = match align {
-            Align::Start => x,
-            Align::Middle => x - width / 2.0,
-            Align::End => x - width,
+        let width = words.chars().count() as f64 * CHARACTER;
+        let (first, last) = (self.x(ends.0), self.x(ends.1));
+        // Where the place is taken: behind it or before it.
+        let [middle, behind, before] =
+            [(first + last - width) / 2.0, last + 3.0, first - width - 3.0];
+        let places = match align {
+            Align::Start => [first, before, behind],
+            Align::Middle => [middle, behind, before],
+            Align::End => [first - width, behind, before],
         };
-        // Labels do not cross the edges.
-        begin = begin.clamp(self.left + 2.0, (WIDTH - RIGHT - width).max(self.left + 2.0));
+        let within =
+            |begin: f64| begin.clamp(self.left + 2.0, (WIDTH - RIGHT - width).max(self.left + 2.0));
+        let free = |begin: &f64| {
+            let end = begin + width;
+            let meets = |(row, from, to): &(f64, f64, f64)| {
+                (row - y).abs() < 11.0 && *begin < to + 5.0 && from - 5.0 < end
+            };
+            !self.taken.iter().any(meets)
+        };
+        let Some(begin) = places.map(within).into_iter().find(free) else { return false };
         let end = begin + width;
-        let meets = |(row, from, to): &(f64, f64, f64)| {
-            (row - y).abs() < 11.0 && begin < to + 5.0 && from - 5.0 < end
-        };
-        if self.taken.iter().any(meets) {
-            return false;
-        }
         self.taken.push((y, begin, end));
         let _ = writeln!(
             self.texts,
@@ -281,15 +294,22 @@ impl Frame {
         let step = step((self.to - self.from) / 9.0);
         let mut at = (self.from / step).ceil() * step;
         while at <= self.to {
-            let x = number(self.x(at));
+            let place = self.x(at);
+            let x = number(place);
+            let words = time(if at.abs() < step / 1e6 { 0.0 } else { at });
+            // Half of the words stand to the right of their tick.
+            let room = words.chars().count() as f64 * CHARACTER / 2.0;
+            let (text, anchor) = match place + room > WIDTH {
+                true => (number(WIDTH), "end"),
+                false => (x.clone(), "middle"),
+            };
             let _ = writeln!(
                 axis,
                 "<line class=\"grid\" x1=\"{x}\" y1=\"{}\" x2=\"{x}\" y2=\"{}\"/>\
-                 <text class=\"tick\" x=\"{x}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
+                 <text class=\"tick\" x=\"{text}\" y=\"{}\" text-anchor=\"{anchor}\">{words}</text>",
                 number(self.top),
                 number(self.bottom),
                 number(self.bottom + 16.0),
-                time(if at.abs() < step / 1e6 { 0.0 } else { at })
             );
             at += step;
         }

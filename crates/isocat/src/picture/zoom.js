@@ -100,7 +100,11 @@ globalThis.isocatZoom = (() => {
       let marks = "";
       for (let n = Math.ceil(this.from / unit); n * unit <= this.to; n += 1) {
         const x = this.x(n * unit).toFixed(2);
-        marks += `<line class="grid" x1="${x}" y1="4" x2="${x}" y2="${this.bottom}"/><text class="tick" x="${x}" y="${this.bottom + 16}" text-anchor="middle">${time(n * unit)}</text>`;
+        const words = time(n * unit);
+        // Half of the words stand to the right of their tick.
+        const width = this.svg.viewBox.baseVal.width;
+        const [place, anchor] = Number(x) + words.length * 3.05 > width ? [width, "end"] : [x, "middle"];
+        marks += `<line class="grid" x1="${x}" y1="4" x2="${x}" y2="${this.bottom}"/><text class="tick" x="${place}" y="${this.bottom + 16}" text-anchor="${anchor}">${words}</text>`;
       }
       this.axis.innerHTML = marks;
     }

@@ -31,7 +31,8 @@ static DESCRIPTION: Description = Description {
     behaviour: Behaviour::DEFAULT,
 };
 
-/// What the device does: its inputs are how often it has latched them, and the first of its outputs.
+/// What the device does: its inputs are how often it has latched them, and the first of its
+/// outputs.
 #[derive(Default)]
 struct Counter {
     latched: u64,
@@ -55,7 +56,8 @@ impl Application for Counter {
     }
 }
 
-/// The intent: DC SYNC0 everywhere. The last `slow` of `count` devices have a cycle of `every` bus cycles.
+/// The intent: DC SYNC0 everywhere. The last `slow` of `count` devices have a cycle of `every` bus
+/// cycles.
 pub fn config(cycle: Nanos, count: usize, slow: usize, every: i64) -> Config {
     let mut config = Config::new(cycle);
     config.drift_threshold = Nanos(300);

@@ -1,5 +1,6 @@
-//! The application's door: it is called once a cycle, when the last frame of the cycle is back or given up, and is told
-//! which inputs are fresh. Held against the frames on the wire and what the devices count themselves.
+//! The application's door: it is called once a cycle, when the last frame of the cycle is back or
+//! given up, and is told which inputs are fresh. Held against the frames on the wire and what the
+//! devices count themselves.
 
 mod line;
 #[cfg(target_os = "linux")]
@@ -179,7 +180,8 @@ fn it_is_called_once_a_cycle_behind_its_last_frame() {
             assert_eq!((witness.stale[position], witness.apart[position]), (0, 0));
             assert!(witness.fresh[position] >= 495, "{:?}", witness.fresh);
         }
-        // What is written reaches every device in the next cycle, and is back in the same one after it.
+        // What is written reaches every device in the next cycle, and is back in the same one after
+        // it.
         let (least, most) = witness.loops.expect("it was measured");
         println!("{frames} frames a cycle: {} calls, back after {least} cycles", witness.calls);
         assert_eq!((least, most), (2, 2));

@@ -1,7 +1,8 @@
-//! The same application on a real interface: one end of a veth pair, the line behind a raw socket on the other.
+//! The same application on a real interface: one end of a veth pair, the line behind a raw socket
+//! on the other.
 //!
-//! Needs root and the command `ip`; without them the test says so and passes. A machine that stalls throws devices out of
-//! OP with good reason: such a run says so and is tried again.
+//! Needs root and the command `ip`; without them the test says so and passes. A machine that stalls
+//! throws devices out of OP with good reason: such a run says so and is tried again.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -141,7 +142,8 @@ fn the_same_application_runs_on_an_interface() {
                     eprintln!("skipped: this machine stalls");
                     return;
                 }
-                // Where half of the cycles were late, or a stall threw the devices out of OP, nothing was seen.
+                // Where half of the cycles were late, or a stall threw the devices out of OP,
+                // nothing was seen.
                 Some(witness) if !witness.saw_enough() && tried < 4 => continue,
                 Some(witness) if !witness.saw_enough() => {
                     eprintln!("skipped: this machine stalls");

@@ -1,7 +1,9 @@
-//! An application that holds what it is told against what the devices count. The same in virtual time and on a wire.
+//! An application that holds what it is told against what the devices count. The same in virtual
+//! time and on a wire.
 //!
-//! Each device counts its SYNC0 pulses into its inputs, and the time at which the cycle's frame passed the reference clock
-//! says how many pulses there have been. So the inputs themselves say of which cycle they are.
+//! Each device counts its SYNC0 pulses into its inputs, and the time at which the cycle's frame
+//! passed the reference clock says how many pulses there have been. So the inputs themselves say of
+//! which cycle they are.
 
 use std::cell::Cell;
 use std::collections::VecDeque;

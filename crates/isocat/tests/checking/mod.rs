@@ -1,5 +1,5 @@
-//! What must hold of arbitrary bytes at each door of the command: they are taken or refused with a place, and nothing
-//! panics. The fuzz targets in `fuzz/` share these checks.
+//! What must hold of arbitrary bytes at each door of the command: they are taken or refused with a
+//! place, and nothing panics. The fuzz targets in `fuzz/` share these checks.
 
 use isocat_captures::annotating::Annotated;
 use isocat_captures::reading::Reading;

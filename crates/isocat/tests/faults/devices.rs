@@ -10,7 +10,8 @@ use isocat_wire::{AlState, ObjectAddress};
 
 use crate::onlooker::{SEGMENT, run, with};
 
-/// A dead EEPROM is noticed when somebody reads it: at a power cycle the MainDevice finds nobody that it knows.
+/// A dead EEPROM is noticed when somebody reads it: at a power cycle the MainDevice finds nobody
+/// that it knows.
 #[test]
 fn an_eeprom_does_not_answer() {
     let text = |dead: &str| {

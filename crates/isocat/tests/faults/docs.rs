@@ -1,4 +1,5 @@
-//! docs/faults.md: its table is made of the vocabulary, and each of its segment files runs and ends as it says.
+//! docs/faults.md: its table is made of the vocabulary, and each of its segment files runs and ends
+//! as it says.
 
 use std::fmt::Write;
 use std::path::Path;

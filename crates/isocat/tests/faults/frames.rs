@@ -47,7 +47,8 @@ fn damaged_frames_are_counted_where_they_are_seen() {
     );
     let (seen, _, outcome) = outcome(&text);
     assert_eq!(seen.lost.iter().filter(|(_, why)| why.is_none()).count(), 2);
-    // 0x0300: the last one sees them as invalid, those before it as forwarded errors on the way back.
+    // 0x0300: the last one sees them as invalid, those before it as forwarded errors on the way
+    // back.
     let errors = |device: usize, address: usize| {
         outcome.world.segment().devices()[device].esc.registers()[address]
     };

@@ -1,4 +1,5 @@
-//! Every word for a fault does what it says, seen in true time by an onlooker that the MainDevice knows nothing of.
+//! Every word for a fault does what it says, seen in true time by an onlooker that the MainDevice
+//! knows nothing of.
 
 mod clocks;
 mod devices;

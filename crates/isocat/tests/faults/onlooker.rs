@@ -64,7 +64,8 @@ impl Tap for Seen {
     }
 }
 
-/// The segment of these tests: three devices, the second of them a drive; no jitter, so that what is seen is the fault's.
+/// The segment of these tests: three devices, the second of them a drive; no jitter, so that what
+/// is seen is the fault's.
 pub const SEGMENT: &str = "cycle = \"1ms\"\nfor = \"2s\"\nrecovery = { first = \"20ms\", longest = \"100ms\" }\n\
     [host]\njitter = \"0ns\"\n[[subdevice]]\ndevice = \"simple_io16\"\nname = \"first\"\n\
     [[subdevice]]\ndevice = \"model_every_mode\"\nname = \"axis\"\nmode = \"dc-sync0\"\nclock = \"10ppm\"\n\

@@ -1,5 +1,5 @@
-//! A ring in a segment file, and its cables: `pull`, `plug`, `break`, `flap` and `drop` on each of them, the one that
-//! closes the ring by its name.
+//! A ring in a segment file, and its cables: `pull`, `plug`, `break`, `flap` and `drop` on each of
+//! them, the one that closes the ring by its name.
 
 use isocat::plan::{Plan, proof};
 use isocat::{Nanos, Report, Scenario, SegmentFile};
@@ -100,8 +100,9 @@ fn the_cable_that_closes_the_ring_is_pulled_until_it_is_plugged_in() {
     );
 }
 
-/// On the way to the secondary port nothing comes there any more: what the last device sends is lost, as it keeps its
-/// link. On the way from it the last device loses its link, and closes the port.
+/// On the way to the secondary port nothing comes there any more: what the last device sends is
+/// lost, as it keeps its link. On the way from it the last device loses its link, and closes the
+/// port.
 #[test]
 fn one_way_of_it_breaks() {
     let (seen, report) = ring(&[(100, "break ring back for 200ms")]);
@@ -125,7 +126,8 @@ fn it_flaps() {
     assert!(lost_cycles(&seen, 99, 1_999).iter().all(|lost| *lost <= 3));
 }
 
-/// Against the order of the whole ring a copy that is lost is missed by none; in the order it costs a cycle.
+/// Against the order of the whole ring a copy that is lost is missed by none; in the order it costs
+/// a cycle.
 #[test]
 fn frames_are_lost_on_it() {
     let (seen, report) = ring(&[(100, "drop 5 back at ring")]);
@@ -139,8 +141,9 @@ fn frames_are_lost_on_it() {
     assert_eq!(report.segment.main_device.frames_lost, 1);
 }
 
-/// The plan counts with the longest and the shortest way of the frames: what is seen in true time is within its bounds,
-/// whole or cut, whichever of the two cables at the MainDevice is the longer one.
+/// The plan counts with the longest and the shortest way of the frames: what is seen in true time
+/// is within its bounds, whole or cut, whichever of the two cables at the MainDevice is the longer
+/// one.
 #[test]
 fn the_plan_holds_behind_each_cut() {
     for (first, closing) in [("10m", "10m"), ("5m", "2000m"), ("2000m", "5m")] {

@@ -1,4 +1,5 @@
-//! Words for cables and power: pull, plug, break, flap, recable, power-off, power-on, power-cycle, replace.
+//! Words for cables and power: pull, plug, break, flap, recable, power-off, power-on, power-cycle,
+//! replace.
 
 use isocat_sim::Lost;
 use isocat_wire::AlState;
@@ -30,8 +31,9 @@ fn a_cable_is_pulled_until_it_is_plugged_in() {
     assert!(matches!(last, Some((601.., AlState::Op, 0))), "{last:?}");
 }
 
-/// Broken on the way out to the axis: it loses its link, the first device keeps its own and sends all frames into
-/// nothing. On the way back it is the first device that loses its link: it closes the port, and those behind are cut off.
+/// Broken on the way out to the axis: it loses its link, the first device keeps its own and sends
+/// all frames into nothing. On the way back it is the first device that loses its link: it closes
+/// the port, and those behind are cut off.
 #[test]
 fn one_way_of_a_cable_breaks() {
     let (seen, _) = with(100, "break axis out for 200ms");

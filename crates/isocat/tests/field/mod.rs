@@ -1,4 +1,5 @@
-//! A segment in operation, judged in true time: what happened at each SubDevice and what the MainDevice said.
+//! A segment in operation, judged in true time: what happened at each SubDevice and what the
+//! MainDevice said.
 #![allow(dead_code, reason = "each test file uses its part")]
 
 use std::cell::RefCell;
@@ -84,7 +85,8 @@ pub struct Field {
 
 pub const MS: Picos = Picos(1_000_000_000);
 pub const CYCLE: i64 = 1_000_000_000;
-/// Error of a clock that has just come back, ps: what counts as converged (100 ns), and what it still slides.
+/// Error of a clock that has just come back, ps: what counts as converged (100 ns), and what it
+/// still slides.
 pub const FRESH: i64 = 150_000;
 
 impl Field {
@@ -168,8 +170,8 @@ impl Field {
         self.world.segment().devices()[device].stack.state()
     }
 
-    /// Largest distance of SYNC0 edges from the grid asked for, by the oscillator of the SubDevice that led from the
-    /// start, in ps; from a point of true time on. And how many edges there were.
+    /// Largest distance of SYNC0 edges from the grid asked for, by the oscillator of the SubDevice
+    /// that led from the start, in ps; from a point of true time on. And how many edges there were.
     pub fn worst_edge(&self, device: usize, since: Time<True>) -> (i64, usize) {
         let timing = self.world.main().segment().timing.clone().expect("it was planned");
         let phase = timing.devices[device].0.sync0_phase(timing.sync0.expect("SYNC0 is in use"));

@@ -111,8 +111,8 @@ async fn lead(
         burst.until(next_reading).await?;
         let asked = link.now();
         let readings = read_differences(link, &clocks).await?;
-        // Reading a thousand clocks takes longer than the interval, and no drift frame is sent meanwhile: most of the
-        // time is left to what leads them.
+        // Reading a thousand clocks takes longer than the interval, and no drift frame is sent
+        // meanwhile: most of the time is left to what leads them.
         let took = link.now() - asked;
         next_reading = (asked + interval).max(link.now() + Nanos(PULLING_PER_READING * took.0));
         for (((device, _), judge), (at, difference)) in clocks.iter().zip(&mut judged).zip(readings)

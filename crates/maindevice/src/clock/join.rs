@@ -60,7 +60,8 @@ pub(crate) async fn join(
     present.reference = Some(at);
     let stations = delay::stations(&present);
     let mut estimator = Estimator::new(&present, at, FREE_RUNNING_PPB, config.hop_jitter);
-    // Clocks that are left to themselves run apart: then what many latches tell is not worth their time.
+    // Clocks that are left to themselves run apart: then what many latches tell is not worth their
+    // time.
     let patient = config.hop_jitter && reference == before;
     let mut latches = latch_often(link, config, &stations, strangers, patient).await?;
     for (_, latch) in &latches {

@@ -157,7 +157,8 @@ fn documented_faults_are_the_same_without_the_lane() {
     assert!(judged * 10 >= all.len() * 9, "{judged} of {} got into operation", all.len());
 }
 
-/// Devices that oversample: inputs and outputs, with a program and without, and a set that is never whole.
+/// Devices that oversample: inputs and outputs, with a program and without, and a set that is never
+/// whole.
 #[test]
 fn samples_are_the_same_without_the_lane() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("lane");

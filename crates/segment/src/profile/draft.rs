@@ -77,7 +77,8 @@ pub(super) struct Eeprom {
     pub size: usize,
 }
 
-/// Inputs that an FMMU alone maps, straight from registers. The device's program has no part in them.
+/// Inputs that an FMMU alone maps, straight from registers. The device's program has no part in
+/// them.
 #[derive(Clone, Debug)]
 pub(super) struct Window {
     /// The SyncManager that stands for it and stays off.

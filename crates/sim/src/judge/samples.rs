@@ -1,4 +1,5 @@
-//! A device that oversamples has whole sets: as many SYNC0 pulses as samples from one set to the next.
+//! A device that oversamples has whole sets: as many SYNC0 pulses as samples from one set to the
+//! next.
 
 use isocat_wire::time::{Time, True};
 
@@ -42,14 +43,15 @@ impl Samples {
         self.silent = false;
     }
 
-    /// A set of inputs was handed over, with the samples of all pulses so far. It ought to have so many. The first one is not
-    /// counted: the judging began within it.
+    /// A set of inputs was handed over, with the samples of all pulses so far. It ought to have so
+    /// many. The first one is not counted: the judging began within it.
     pub fn handed_over(&mut self, at: Time<True>, expected: u64) {
         let found = std::mem::take(&mut self.pulses);
         self.next_set(at, found, expected);
     }
 
-    /// A sample of inputs was taken that none hands over: twice as many as a set has are one set that was missed.
+    /// A sample of inputs was taken that none hands over: twice as many as a set has are one set
+    /// that was missed.
     pub fn waits(&mut self, at: Time<True>, expected: u64) {
         if self.pulses > expected.saturating_mul(2) {
             let found = std::mem::replace(&mut self.pulses, 1) - 1;
@@ -57,14 +59,16 @@ impl Samples {
         }
     }
 
-    /// A set of outputs begins to act. The pulse of this instant belongs to it, those before to the last one.
+    /// A set of outputs begins to act. The pulse of this instant belongs to it, those before to the
+    /// last one.
     pub fn begins(&mut self, at: Time<True>, expected: u64) {
         let own = u64::from(self.last_pulse == at && self.pulses > 0);
         let found = std::mem::replace(&mut self.pulses, own) - own;
         self.next_set(at, found, expected);
     }
 
-    /// Outputs are valid: where no sample acted since the last time, the set that came was not given at all.
+    /// Outputs are valid: where no sample acted since the last time, the set that came was not
+    /// given at all.
     pub fn valid(&mut self, at: Time<True>) {
         if std::mem::replace(&mut self.silent, true) {
             self.count(at, false, 0);

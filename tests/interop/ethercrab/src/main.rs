@@ -1,4 +1,5 @@
-//! ethercrab as it comes from the registry, as the MainDevice of a segment that somebody else serves.
+//! ethercrab as it comes from the registry, as the MainDevice of a segment that somebody else
+//! serves.
 //!
 //! `interop-ethercrab INTERFACE TASK.json ROLE`; prints one JSON object a line for every step, as
 //! `tests/interop/peer.py` describes it.
@@ -20,7 +21,8 @@ mod partner;
 
 const MAX_SUBDEVICES: usize = 64;
 const MAX_PDI: usize = 4096;
-/// ethercrab 0.7 reads no more than the MTU, 1500 bytes, headers included: a full frame would end its task.
+/// ethercrab 0.7 reads no more than the MTU, 1500 bytes, headers included: a full frame would end
+/// its task.
 const MAX_PDU: usize = PduStorage::element_size(1472);
 static STORAGE: PduStorage<32, MAX_PDU> = PduStorage::new();
 
@@ -148,7 +150,8 @@ impl Session<'_> {
         }
         let mut by_hand = 0;
         for (device, expected) in group.iter(main_device).zip(&self.task.devices) {
-            // ethercrab enables SyncManagers as the SII says, and that says no where no PDO is assigned by default.
+            // ethercrab enables SyncManagers as the SII says, and that says no where no PDO is
+            // assigned by default.
             if !expected.startup.is_empty() {
                 for sync_manager in ACTIVATION {
                     device.register_write(sync_manager, 1u8).await?;
@@ -342,8 +345,8 @@ impl Session<'_> {
     }
 }
 
-/// Brings back SubDevices that left OP, a step a call; gives how many it began with. The machine may stall for
-/// longer than a drive forgives.
+/// Brings back SubDevices that left OP, a step a call; gives how many it began with. The machine
+/// may stall for longer than a drive forgives.
 async fn recover<DC>(
     main_device: &MainDevice<'static>,
     group: &Group<Op, DC>,
@@ -377,7 +380,8 @@ impl Exchanged {
     fn next(&self, due: Instant, cycle: Duration) -> Instant {
         let now = Instant::now();
         match self.wait {
-            // As ethercrab's own example does it, but counted from the answer, which is when it was computed.
+            // As ethercrab's own example does it, but counted from the answer, which is when it was
+            // computed.
             Some(wait) => now + wait,
             None => (due + cycle).max(now),
         }

@@ -1,4 +1,5 @@
-//! What is expected of the segment, and the other side of its applications: as `tests/interop/peer.py` does it.
+//! What is expected of the segment, and the other side of its applications: as
+//! `tests/interop/peer.py` does it.
 
 use std::error::Error;
 use std::fmt::Write;
@@ -72,7 +73,8 @@ fn pattern(number: u8, device: usize, place: usize) -> u8 {
     number.wrapping_add((device * 37 + place * 11) as u8)
 }
 
-/// Cycles from an output to its coming back, at most; stalls of the machine are far longer than cycles.
+/// Cycles from an output to its coming back, at most; stalls of the machine are far longer than
+/// cycles.
 const LAG: u8 = 100;
 /// A drive's way in a cycle.
 const STEP: i32 = 10;

@@ -17,7 +17,8 @@ const MOST_ROWS: usize = 64;
 const MOST_NOTES: usize = 16;
 /// Columns for tree and name.
 const TREE: usize = 46;
-/// Columns by which a branch is indented at most: what branches off a deeper one stands in the same column.
+/// Columns by which a branch is indented at most: what branches off a deeper one stands in the same
+/// column.
 const DEEPEST: usize = 21;
 
 impl ScanReport {
@@ -135,9 +136,10 @@ impl ScanReport {
         Ok(())
     }
 
-    /// The rows of a SubDevice and all behind it. The last that hangs on a SubDevice goes on in the same column, so that a long line
-    /// stays within the columns; the others are branches, indented. `lead` stands before these rows; with `more` another branch of the
-    /// same SubDevice comes behind this one.
+    /// The rows of a SubDevice and all behind it. The last that hangs on a SubDevice goes on in the
+    /// same column, so that a long line stays within the columns; the others are branches,
+    /// indented. `lead` stands before these rows; with `more` another branch of the same SubDevice
+    /// comes behind this one.
     fn line(&self, first: usize, lead: &str, more: bool, rows: &mut Vec<(String, usize)>) {
         let mut at = Some(first);
         while let Some(here) = at {

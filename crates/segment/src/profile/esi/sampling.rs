@@ -45,8 +45,8 @@ impl Import<'_> {
         some.then_some(Sampling { samples: pulses, inputs, outputs })
     }
 
-    /// Pulses of SYNC0 in a cycle. Where the OpMode fixes the SYNC0 cycle, and not its part of the bus cycle, these are the
-    /// samples of the PDO.
+    /// Pulses of SYNC0 in a cycle. Where the OpMode fixes the SYNC0 cycle, and not its part of the
+    /// bus cycle, these are the samples of the PDO.
     fn pulses(&self, pdo: &EsiPdo) -> Result<u16, String> {
         let index = pdo.index;
         let Some(mode) = self.mode.filter(|mode| mode.sync0()) else {

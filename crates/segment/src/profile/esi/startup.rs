@@ -132,7 +132,8 @@ fn open(objects: &mut Vec<Object>, command: &InitCommand, at: usize) -> bool {
     let usable = (1..=MAX_TRANSFER).contains(&command.data.len());
     let Some(object) = objects.iter_mut().find(|object| object.index == command.object.index)
     else {
-        // The communication area follows from the rest of the description, but for the diagnosis history.
+        // The communication area follows from the rest of the description, but for the diagnosis
+        // history.
         let own = command.object.index >= 0x2000 || command.object.index == DIAGNOSIS_HISTORY;
         if own && usable {
             objects.push(new_object(command, at));

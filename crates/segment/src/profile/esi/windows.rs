@@ -18,8 +18,8 @@ impl Import<'_> {
         inputs.into_iter().partition(|(number, _)| !matches!(purpose(*number), Purpose::Window(_)))
     }
 
-    /// The windows of inputs that are mapped. Each other window that has PDOs stays out of the process image, and
-    /// becomes a doubt.
+    /// The windows of inputs that are mapped. Each other window that has PDOs stays out of the
+    /// process image, and becomes a doubt.
     pub(super) fn windows(
         &mut self,
         assigned: &[Assigned],
@@ -77,6 +77,7 @@ impl Import<'_> {
     }
 }
 
-/// Registers of times that an ESC with distributed clocks has and that reading does not disturb: system time and
-/// receive time, start and next pulses, latches. Between them SYNC status is acknowledged by reading.
+/// Registers of times that an ESC with distributed clocks has and that reading does not disturb:
+/// system time and receive time, start and next pulses, latches. Between them SYNC status is
+/// acknowledged by reading.
 const DC_TIMES: [Range<usize>; 2] = [0x0910..0x0930, 0x0990..0x09D0];

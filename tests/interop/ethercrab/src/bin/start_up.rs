@@ -1,8 +1,10 @@
-//! ethercrab as it comes from the registry, issuing exactly what a start-up list says and nothing else.
+//! ethercrab as it comes from the registry, issuing exactly what a start-up list says and nothing
+//! else.
 //!
-//! `start_up INTERFACE LIST.json CYCLES`, with the list of `isocat plan --start-up --json`. ethercrab carries the datagrams;
-//! it neither scans nor configures anything itself. Goes through the transitions of the list up to OP, exchanges the frames of
-//! the list for so many cycles and looks that every working counter and the state of all SubDevices is right. Exit code 0: it is.
+//! `start_up INTERFACE LIST.json CYCLES`, with the list of `isocat plan --start-up --json`.
+//! ethercrab carries the datagrams; it neither scans nor configures anything itself. Goes through
+//! the transitions of the list up to OP, exchanges the frames of the list for so many cycles and
+//! looks that every working counter and the state of all SubDevices is right. Exit code 0: it is.
 
 use std::cell::Cell;
 use std::time::{Duration, Instant};
@@ -63,7 +65,8 @@ impl Executor<'_> {
                         .filter(|step| array(&step["transitions"]).iter().any(|t| t == transition))
                         .collect()
                 };
-                // The order of the list: objects first, unless the transition begins without a mailbox.
+                // The order of the list: objects first, unless the transition begins without a
+                // mailbox.
                 let (registers, objects) = (of("registers"), of("objects"));
                 if transition != "IP" {
                     for object in &objects {
@@ -127,7 +130,8 @@ impl Executor<'_> {
         }
     }
 
-    /// The frames of a cycle, as far as they belong to a state. In OP the AL status of all must be OP.
+    /// The frames of a cycle, as far as they belong to a state. In OP the AL status of all must be
+    /// OP.
     async fn frames(&self, state: &str) -> Outcome {
         for datagram in
             array(&self.list["frames"]).iter().flat_map(|frame| array(&frame["datagrams"]))

@@ -22,59 +22,59 @@
 #include <stdint.h>
 
 /**
- * What read_object and write_object answer for an object that the application does not have: the
- * SubDevice's own store has it.
+ * Returned by read_object and write_object for an object that the application does not have: then
+ * the SubDevice's own store handles it.
  */
 #define ISOCAT_NOT_MINE 4294967295
 
 /**
- * For isocat_bus_receive: whichever port the answer comes to.
+ * For isocat_bus_receive: an answer at any port.
  */
 #define ISOCAT_ANY_PORT 4294967295
 
 /**
- * The longest frame, bytes from the destination address on, without check sequence.
+ * Length of the longest frame, bytes, from the destination address on, without check sequence.
  */
 #define ISOCAT_LONGEST_FRAME 1514
 
 /**
- * The interface of this header: it is raised when programs can't be linked with a newer library
- * any more.
+ * The version of this interface. It is raised when programs can no longer be linked with a newer
+ * library.
  */
 #define ISOCAT_ABI_VERSION 0
 
 /**
- * Nothing speaks against any SubDevice in operation.
+ * There is no finding against any SubDevice in operation.
  */
 #define ISOCAT_IN_SYNC 0
 
 /**
- * Something speaks against one.
+ * There is a finding against a SubDevice in operation.
  */
 #define ISOCAT_NOT_IN_SYNC 1
 
 /**
- * No SubDevice came to operation, so there is nothing to judge.
+ * No SubDevice reached operation, so nothing was judged.
  */
 #define ISOCAT_NOT_KNOWN 3
 
 /**
- * All that the segment file expects came so, or it expects nothing.
+ * Everything that the segment file expects came true, or it expects nothing.
  */
 #define ISOCAT_AS_EXPECTED 0
 
 /**
- * Something did not come so.
+ * Something that the segment file expects did not come true.
  */
 #define ISOCAT_NOT_AS_EXPECTED 1
 
 /**
- * All that was judged came so, and something could not be judged.
+ * All that was judged came true, but something could not be judged.
  */
 #define ISOCAT_NOT_JUDGED 3
 
 /**
- * How a call ended: below 0 nothing happened but that an error was made.
+ * The result of a call. A code below 0 means that nothing was done, except that an error was made.
  */
 enum isocat_code
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -82,15 +82,15 @@ enum isocat_code
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * It is done.
+     * The call succeeded.
      */
     ISOCAT_OK = 0,
     /**
-     * Nothing is wrong, and there is nothing to give: no answer has come by now, no outputs act.
+     * No error, but there is no result: no answer has come back, or no outputs act.
      */
     ISOCAT_NOTHING = 1,
     /**
-     * A pointer is NULL that may not be.
+     * A pointer is NULL that must not be.
      */
     ISOCAT_NULL_ARGUMENT = -1,
     /**
@@ -98,23 +98,23 @@ enum isocat_code
      */
     ISOCAT_NOT_UTF8 = -2,
     /**
-     * A length, a position or a port that does not exist.
+     * A length, a position or a port does not exist.
      */
     ISOCAT_OUT_OF_RANGE = -3,
     /**
-     * The caller's buffer is too small. What is in it stays as it was.
+     * The caller's buffer is too small. Its content is unchanged.
      */
     ISOCAT_TOO_SMALL = -4,
     /**
-     * An instant that has passed, or is too far ahead.
+     * An instant has passed, or is too far ahead.
      */
     ISOCAT_TIME = -5,
     /**
-     * A file, a text or a fault is wrong; or a segment can't be planned.
+     * A file, a text or a fault is wrong, or a segment can't be planned.
      */
     ISOCAT_BAD_INPUT = -6,
     /**
-     * The handle is in use: the call comes out of a callback, or from a second thread.
+     * The handle is in use: the call comes from a callback or from a second thread.
      */
     ISOCAT_BUSY = -7,
     /**
@@ -122,8 +122,7 @@ enum isocat_code
      */
     ISOCAT_STRUCT_SIZE = -8,
     /**
-     * A fault of this library. A bus or segment on which it happened is of no use any more, but to
-     * be freed.
+     * A bug of this library. A bus or segment on which it happened can only be freed.
      */
     ISOCAT_PANIC = -9,
 };
@@ -138,14 +137,14 @@ typedef int32_t isocat_code;
 /**
  * A segment in virtual time.
  *
- * Instants are ns of the caller's clock. The bus has a present, which moves when the caller says
- * so: by isocat_bus_advance, and by isocat_bus_send to the instant of the frame. It never goes
- * back, moves by an hour at once at most, and by 30 days in all.
+ * Instants are ns of the caller's clock. The bus has a present, which only the caller advances: by
+ * isocat_bus_advance, and by isocat_bus_send to the instant of the frame. It never goes back, and
+ * advances by at most an hour at once and 30 days in total.
  */
 typedef struct isocat_bus isocat_bus;
 
 /**
- * An error: made by a call that failed, freed by isocat_error_free.
+ * An error, which is made by a call that failed and freed by isocat_error_free.
  */
 typedef struct isocat_error isocat_error;
 
@@ -155,18 +154,18 @@ typedef struct isocat_error isocat_error;
 typedef struct isocat_plan isocat_plan;
 
 /**
- * A segment: which SubDevices stand on the wire, and how they are set up. Buses and plans are made
- * of it, and do not need it afterwards.
+ * A segment: the SubDevices on the wire and their set-up. Buses and plans are made from it, and do
+ * not need it afterwards.
  */
 typedef struct isocat_segment isocat_segment;
 
 /**
- * What a bus comes to, as of the instant at which it was asked for. It does not need its bus.
+ * The verdict on a bus at the instant at which it was requested. It does not need its bus.
  */
 typedef struct isocat_verdict isocat_verdict;
 
 /**
- * What becomes of a frame that was sent.
+ * The fate of a frame that was sent.
  */
 typedef struct isocat_sent {
     /**
@@ -174,7 +173,7 @@ typedef struct isocat_sent {
      */
     size_t size;
     /**
-     * When the last bit of its answer is back at the port, ns; 0 if it is lost.
+     * When the last bit of its answer is back at the port, ns; 0 if the answer is lost.
      */
     uint64_t back_ns;
     /**
@@ -182,13 +181,13 @@ typedef struct isocat_sent {
      */
     int32_t comes_back;
     /**
-     * The port to which the answer comes: in a whole ring the other one.
+     * The port at which the answer arrives: in an unbroken ring, the other one.
      */
     uint32_t port;
 } isocat_sent;
 
 /**
- * An answer that is back.
+ * An answer that has come back.
  */
 typedef struct isocat_arrival {
     /**
@@ -200,11 +199,11 @@ typedef struct isocat_arrival {
      */
     uint64_t at_ns;
     /**
-     * Its bytes, from the destination address on, without check sequence.
+     * Its length in bytes, from the destination address on, without check sequence.
      */
     size_t length;
     /**
-     * The port to which it came.
+     * The port at which it arrived.
      */
     uint32_t port;
     /**
@@ -226,7 +225,7 @@ typedef struct isocat_device_state {
      */
     uint32_t state;
     /**
-     * AL status code (0x0134): why it is there, if it was not asked to; else 0.
+     * AL status code (0x0134): the reason of a state that was not requested; else 0.
      */
     uint32_t status_code;
 } isocat_device_state;
@@ -240,11 +239,11 @@ typedef struct isocat_plan_summary {
      */
     size_t size;
     /**
-     * Its lines.
+     * Number of its lines.
      */
     size_t lines;
     /**
-     * Its SubDevices.
+     * Number of its SubDevices.
      */
     size_t devices;
     /**
@@ -257,11 +256,11 @@ typedef struct isocat_plan_summary {
     int64_t send_phase_ns;
     /**
      * Phase of the pulse at which outputs act, the same for all SubDevices with SYNC, ns; 0
-     * without.
+     * without SYNC.
      */
     int64_t acting_phase_ns;
     /**
-     * Least slack of all lines of the cycle, ns; negative: it does not fit.
+     * Least slack of all lines, ns; negative: the cycle does not fit.
      */
     int64_t least_slack_ns;
     /**
@@ -269,7 +268,7 @@ typedef struct isocat_plan_summary {
      */
     int32_t fits;
     /**
-     * 1 if a SubDevice has SYNC.
+     * 1 if any SubDevice has SYNC.
      */
     int32_t has_acting_phase;
 } isocat_plan_summary;
@@ -283,11 +282,11 @@ typedef struct isocat_plan_line {
      */
     size_t size;
     /**
-     * Its short name, such as "outputs-before-sync0". It lives as long as the plan.
+     * Its short name, for example "outputs-before-sync0". Valid as long as the plan.
      */
     const char *check;
     /**
-     * The formula in words. It lives as long as the plan.
+     * The formula in words. Valid as long as the plan.
      */
     const char *demand;
     /**
@@ -295,21 +294,21 @@ typedef struct isocat_plan_line {
      */
     int64_t needed_ns;
     /**
-     * Time there is, ns.
+     * Available time, ns.
      */
     int64_t available_ns;
     /**
-     * What is left, ns; negative: it does not fit.
+     * Slack, ns; negative: the demand does not fit.
      */
     int64_t slack_ns;
     /**
-     * Position of the SubDevice whose line it is; -1: of the frames.
+     * Position of the SubDevice that the line belongs to; -1: the frames.
      */
     int64_t position;
 } isocat_plan_line;
 
 /**
- * What a plan has for a SubDevice.
+ * The part of a plan for a SubDevice.
  */
 typedef struct isocat_plan_device {
     /**
@@ -317,7 +316,7 @@ typedef struct isocat_plan_device {
      */
     size_t size;
     /**
-     * Its mode, such as "dc-sync0". It lives as long as the plan.
+     * Its mode, for example "dc-sync0". Valid as long as the plan.
      */
     const char *mode;
     /**
@@ -325,16 +324,16 @@ typedef struct isocat_plan_device {
      */
     int64_t delay_ns;
     /**
-     * Cycle of SYNC0 (0x09A0), ns; 0 without.
+     * Cycle of SYNC0 (0x09A0), ns; 0 without SYNC0.
      */
     int64_t sync0_cycle_ns;
     /**
-     * Phase of SYNC0 behind the frame at the reference clock, ns: what SOEM's ecx_dcsync0 takes as
-     * CyclShift where frames reach the reference clock at 0 of the cycle. 0 without.
+     * Phase of SYNC0 after the frame at the reference clock, ns. It is CyclShift of SOEM's
+     * ecx_dcsync0 if frames reach the reference clock at 0 of the cycle. 0 without SYNC0.
      */
     int64_t sync0_phase_ns;
     /**
-     * From SYNC0 to SYNC1 (0x09A4), ns; 0 without.
+     * Time from SYNC0 to SYNC1 (0x09A4), ns; 0 without SYNC1.
      */
     int64_t sync1_ns;
     /**
@@ -342,19 +341,19 @@ typedef struct isocat_plan_device {
      */
     int32_t uses_sync0;
     /**
-     * 1 if SYNC1 is, too.
+     * 1 if SYNC1 is to be set up for it, too.
      */
     int32_t uses_sync1;
 } isocat_plan_device;
 
 /**
- * The application of a SubDevice. Every function may be NULL: then nothing is done in that step.
- * Set all of it to 0, then `size`.
+ * The application of a SubDevice. Each function may be NULL: then that step does nothing. Set the
+ * whole struct to 0, then `size`.
  *
- * Functions are called out of the calls of a bus (send, advance, and whatever looks at
- * SubDevices), on the thread that made the call, one at a time, in the order of virtual time. They
- * must return: no longjmp, no exceptions. Calls on the same bus are refused meanwhile
- * (ISOCAT_BUSY). Memory that they are given is theirs until they return.
+ * Functions are called from calls on a bus (send, advance, and those that read SubDevices), on the
+ * calling thread, one at a time, in the order of virtual time. They must return: no longjmp, no
+ * exceptions. Meanwhile calls on the same bus are refused (ISOCAT_BUSY). Memory passed to a
+ * function is valid until the function returns.
  */
 typedef struct isocat_application {
     /**
@@ -362,16 +361,16 @@ typedef struct isocat_application {
      */
     size_t size;
     /**
-     * What each function gets as its first argument; the library does not look behind it.
+     * The first argument of each function; the library does not read what it points to.
      */
     void *user;
     /**
-     * Outputs have come: the process image from the MainDevice. In OP only.
+     * New outputs of the MainDevice, as process image. Only called in OP.
      */
     void (*map_outputs)(void *user, const uint8_t *outputs, size_t length);
     /**
-     * The application's own work, called once in each cycle. `cycle_ns` is the cycle in ns, and 0
-     * where it is not known.
+     * The application's own work, called once in each cycle. `cycle_ns` is the cycle in ns, or 0
+     * if it is not known.
      */
     void (*work)(void *user, int64_t cycle_ns);
     /**
@@ -379,16 +378,16 @@ typedef struct isocat_application {
      */
     void (*outputs_valid)(void *user);
     /**
-     * Inputs are to be taken from the process now.
+     * Takes the inputs from the process now.
      */
     void (*latch_inputs)(void *user);
     /**
-     * Inputs are to be put into the process image to the MainDevice. Bytes that are left alone
-     * stay as they were.
+     * Writes the inputs into the process image to the MainDevice. Bytes that are not written keep
+     * their values.
      */
     void (*map_inputs)(void *user, uint8_t *inputs, size_t length);
     /**
-     * OP was left: outputs go to their safe state.
+     * OP was left: outputs take their safe state.
      */
     void (*safe_outputs)(void *user);
     /**
@@ -396,8 +395,8 @@ typedef struct isocat_application {
      */
     void (*power_off)(void *user);
     /**
-     * An object is read: its value goes into `value`, which has room for `capacity` bytes, and its
-     * length into `length`. Gives 0, an SDO abort code, or ISOCAT_NOT_MINE.
+     * An object is read. Writes its value to `value`, which holds up to `capacity` bytes, and its
+     * length to `length`. Returns 0, an SDO abort code, or ISOCAT_NOT_MINE.
      */
     uint32_t (*read_object)(void *user,
                             uint16_t index,
@@ -406,7 +405,7 @@ typedef struct isocat_application {
                             size_t capacity,
                             size_t *length);
     /**
-     * An object was written. Gives 0 or ISOCAT_NOT_MINE where the value may be stored, or an SDO
+     * An object was written. Returns 0 or ISOCAT_NOT_MINE if the value may be stored, or an SDO
      * abort code.
      */
     uint32_t (*write_object)(void *user,
@@ -417,7 +416,7 @@ typedef struct isocat_application {
 } isocat_application;
 
 /**
- * A verdict as a whole.
+ * The verdict as a whole.
  */
 typedef struct isocat_verdict_summary {
     /**
@@ -429,44 +428,44 @@ typedef struct isocat_verdict_summary {
      */
     uint64_t frames;
     /**
-     * Those that came back.
+     * Frames that came back.
      */
     uint64_t answered;
     /**
-     * Those that were lost, in the segment or by a fault.
+     * Frames that were lost, in the segment or by a fault.
      */
     uint64_t lost;
     /**
-     * Answers that were lost since more than 8192 were not received.
+     * Answers that were dropped because more than 8192 had not been received.
      */
     uint64_t overrun;
     /**
-     * MainDevices, one after the other: a new one begins where addresses are given anew, or after
-     * a long silence.
+     * Number of sessions of MainDevices, one after the other: a session begins when station
+     * addresses are written again, or after a long silence.
      */
     size_t sessions;
     /**
-     * SubDevices that the last one had in OP when the judging began last.
+     * SubDevices in OP when the judging began last, in the last session.
      */
     size_t in_op;
     /**
-     * How long the last one was judged since then, ns.
+     * Judged time of the last session since then, ns.
      */
     int64_t judged_ns;
     /**
-     * ISOCAT_NOT_IN_SYNC if something speaks against any session; else that of the last one:
-     * ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
+     * ISOCAT_NOT_IN_SYNC if there is a finding in any session; else the result of the last
+     * session, ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
      */
     int32_t answer;
     /**
-     * What became of the segment file's [[expect]] tables: ISOCAT_AS_EXPECTED,
+     * The result of the segment file's [[expect]] tables: ISOCAT_AS_EXPECTED,
      * ISOCAT_NOT_AS_EXPECTED or ISOCAT_NOT_JUDGED.
      */
     int32_t expected;
 } isocat_verdict_summary;
 
 /**
- * What is said of a SubDevice, since the judging began last. Times are true time, ns.
+ * The verdict on a SubDevice, since the judging began last. Times are true time, ns.
  */
 typedef struct isocat_device_verdict {
     /**
@@ -474,31 +473,31 @@ typedef struct isocat_device_verdict {
      */
     size_t size;
     /**
-     * Its name. This and the other texts live as long as the verdict.
+     * Its name. This and the other texts are valid as long as the verdict.
      */
     const char *name;
     /**
-     * Its state, such as "OP".
+     * Its state, for example "OP".
      */
     const char *state;
     /**
-     * The mode that it runs in, whatever was asked for, such as "dc-sync0".
+     * The mode that it actually runs in, for example "dc-sync0".
      */
     const char *mode;
     /**
-     * SYNC0 edges that were measured. 0: the next two are 0, too.
+     * SYNC0 edges that were measured. If 0, the next two fields are 0, too.
      */
     uint64_t sync0_edges;
     /**
-     * Mean of SYNC0's error, against the grid that the MainDevice wrote.
+     * Mean error of SYNC0 against the grid that the MainDevice wrote.
      */
     double sync0_mean_ns;
     /**
-     * Its worst error, without the sign.
+     * Largest error of SYNC0, without sign.
      */
     double sync0_worst_ns;
     /**
-     * Cycles of which the margin is known. 0: the next is 0, too.
+     * Cycles with a known margin. If 0, the next field is 0, too.
      */
     uint64_t margins;
     /**
@@ -506,23 +505,23 @@ typedef struct isocat_device_verdict {
      */
     double least_margin_ns;
     /**
-     * 0x1C32:0B.
+     * SM event missed (0x1C32:0B).
      */
     uint32_t sm_event_missed;
     /**
-     * 0x1C32:0C.
+     * Cycle time too small (0x1C32:0C).
      */
     uint32_t cycle_time_too_small;
     /**
-     * 0x1C32:0D.
+     * Shift time too short (0x1C32:0D).
      */
     uint32_t shift_time_too_short;
     /**
-     * 0x1C32:20.
+     * Sync error (0x1C32:20).
      */
     uint32_t sync_error;
     /**
-     * What speaks against it: isocat_verdict_finding has the words.
+     * Number of findings against it; isocat_verdict_finding returns their texts.
      */
     size_t findings;
 } isocat_device_verdict;
@@ -532,12 +531,12 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * Makes a bus of a segment: all SubDevices that are there from the start are switched on at
+ * Makes a bus from a segment: all SubDevices that are present from the start are switched on at
  * `now_ns`.
  *
- * `now_ns`: the present on the caller's clock, ns from whatever instant; 2^63 - 1 less 30 days at
- * most.
- * `bus`: where the handle goes; freed by isocat_bus_free.
+ * `now_ns`: the present on the caller's clock, ns since any instant; at most 2^63 - 1 minus 30
+ * days.
+ * `bus`: receives the handle, which is freed by isocat_bus_free.
  */
 isocat_code isocat_bus_new(const struct isocat_segment *segment,
                            uint64_t now_ns,
@@ -545,8 +544,8 @@ isocat_code isocat_bus_new(const struct isocat_segment *segment,
                            struct isocat_error **error);
 
 /**
- * Frees a bus. NULL is nothing to free. While it is in use, as by the call that a callback comes
- * from, nothing is done.
+ * Frees a bus; NULL is ignored. A bus that is in use, for example by the call that a callback
+ * comes from, is not freed.
  */
 void isocat_bus_free(struct isocat_bus *bus);
 
@@ -558,13 +557,13 @@ isocat_code isocat_bus_now(const struct isocat_bus *bus,
                            struct isocat_error **error);
 
 /**
- * Sends a frame at the instant `at_ns`, to which time goes on; it waits for the frame before it to
- * have left. The answer, if one comes back, is handed out by isocat_bus_receive.
+ * Sends a frame at the instant `at_ns`, to which time advances. The frame leaves after the
+ * previous frame has left. If an answer comes back, isocat_bus_receive returns it.
  *
  * `port`: 0, or 1 for the other end of a ring.
- * `frame`: is copied: 14 to ISOCAT_LONGEST_FRAME bytes from the destination address on, without
- * check sequence. On the wire a short one takes as long as one of 60.
- * `sent`: what becomes of it; may be NULL.
+ * `frame`: is copied; 14 to ISOCAT_LONGEST_FRAME bytes, from the destination address on, without
+ * check sequence. A frame below 60 bytes takes as long on the wire as one of 60.
+ * `sent`: receives the fate of the frame; may be NULL.
  */
 isocat_code isocat_bus_send(struct isocat_bus *bus,
                             uint32_t port,
@@ -575,21 +574,21 @@ isocat_code isocat_bus_send(struct isocat_bus *bus,
                             struct isocat_error **error);
 
 /**
- * When the next answer is back, ns: at whichever port, and in the past where one has not been
- * received yet. ISOCAT_NOTHING if none is under way.
+ * When the next answer is back, ns, at any port; in the past if it was not received yet.
+ * ISOCAT_NOTHING if no answer is in flight.
  */
 isocat_code isocat_bus_next_arrival(const struct isocat_bus *bus,
                                     uint64_t *at_ns,
                                     struct isocat_error **error);
 
 /**
- * Takes the next answer that is back by now: those of frames, and their copies where a fault
- * doubled them. ISOCAT_NOTHING if there is none. Time does not move.
+ * Takes the next answer that has come back, including copies made by a fault. ISOCAT_NOTHING if
+ * there is none. Time does not advance.
  *
  * `port`: 0, 1, or ISOCAT_ANY_PORT.
- * `buffer`: room for `capacity` bytes. ISOCAT_TOO_SMALL: the answer stays, and `arrival` says how
- * long it is.
- * `arrival`: what came; `size` has to be set.
+ * `buffer`: holds up to `capacity` bytes. ISOCAT_TOO_SMALL: the answer remains, and `arrival` has
+ * its length.
+ * `arrival`: receives the data of the answer; `size` must be set.
  */
 isocat_code isocat_bus_receive(struct isocat_bus *bus,
                                uint32_t port,
@@ -599,22 +598,22 @@ isocat_code isocat_bus_receive(struct isocat_bus *bus,
                                struct isocat_error **error);
 
 /**
- * Time goes on to `to_ns`: SubDevices do what they do by themselves. To the present is allowed,
- * and does nothing.
+ * Advances time to `to_ns`, with all that SubDevices do until then. Advancing to the present is
+ * allowed and does nothing.
  */
 isocat_code isocat_bus_advance(struct isocat_bus *bus, uint64_t to_ns, struct isocat_error **error);
 
 /**
- * When the bus looks at its SubDevices by itself the next time, ns: for programs that want to know
- * when something may happen. isocat_bus_advance needs no help: it looks at all such instants on
- * its way. ISOCAT_NOTHING if nothing will ever happen by itself.
+ * When the bus next processes its SubDevices by itself, ns: for programs that want to know when
+ * something may happen. isocat_bus_advance does not need it: it processes all such instants on its
+ * way. ISOCAT_NOTHING if nothing will happen by itself.
  */
 isocat_code isocat_bus_next_timeout(const struct isocat_bus *bus,
                                     uint64_t *at_ns,
                                     struct isocat_error **error);
 
 /**
- * The link at a port of the MainDevice goes away now (`up` is 0), or comes.
+ * Removes (`up` is 0) or restores the link at a port of the MainDevice now.
  */
 isocat_code isocat_bus_link(struct isocat_bus *bus,
                             uint32_t port,
@@ -622,19 +621,19 @@ isocat_code isocat_bus_link(struct isocat_bus *bus,
                             struct isocat_error **error);
 
 /**
- * Lets something go wrong now.
+ * Causes a fault now.
  *
- * `fault`: a line as of `isocat control` and of `[[fault]]` tables (docs/faults.md), such as
- * "drop 3", "pull axis 2 for 500ms", "power-cycle 1", "misbehave 1 dead-sync0", "heal". Those of
- * the host (stall, late-wake-ups, slow-send, clock of the host) are refused: the caller is the
- * host.
+ * `fault`: a line as for `isocat control` and `[[fault]]` tables (docs/faults.md), for example
+ * "drop 3", "pull axis 2 for 500ms", "power-cycle 1", "misbehave 1 dead-sync0", "heal". Faults of
+ * the host (stall, late-wake-ups, slow-send, clock of the host) are refused, because the caller is
+ * the host.
  */
 isocat_code isocat_bus_fault(struct isocat_bus *bus,
                              const char *fault,
                              struct isocat_error **error);
 
 /**
- * Plans that something goes wrong at the instant `at_ns`, now or later.
+ * Causes a fault at the instant `at_ns`, now or later.
  */
 isocat_code isocat_bus_fault_at(struct isocat_bus *bus,
                                 uint64_t at_ns,
@@ -642,15 +641,14 @@ isocat_code isocat_bus_fault_at(struct isocat_bus *bus,
                                 struct isocat_error **error);
 
 /**
- * The MainDevice is done: its session ends as of its last frame. Frames that come all the same
- * begin another session.
+ * Ends the session of the MainDevice at its last frame. A later frame begins another session.
  */
 isocat_code isocat_bus_finish(struct isocat_bus *bus, struct isocat_error **error);
 
 /**
- * The state of a SubDevice as of now.
+ * The present state of a SubDevice.
  *
- * `state`: where it goes; `size` has to be set.
+ * `state`: receives it; `size` must be set.
  */
 isocat_code isocat_device_get_state(struct isocat_bus *bus,
                                     size_t position,
@@ -658,11 +656,10 @@ isocat_code isocat_device_get_state(struct isocat_bus *bus,
                                     struct isocat_error **error);
 
 /**
- * The outputs of a SubDevice as it took them last. ISOCAT_NOTHING while they are in their safe
- * state.
+ * The outputs that a SubDevice took last. ISOCAT_NOTHING while they are in their safe state.
  *
- * `buffer`: room for `capacity` bytes.
- * `length`: how many bytes there are; with ISOCAT_TOO_SMALL, how many there would be.
+ * `buffer`: holds up to `capacity` bytes.
+ * `length`: receives the number of bytes; with ISOCAT_TOO_SMALL, the number that is needed.
  */
 isocat_code isocat_device_outputs(struct isocat_bus *bus,
                                   size_t position,
@@ -672,11 +669,11 @@ isocat_code isocat_device_outputs(struct isocat_bus *bus,
                                   struct isocat_error **error);
 
 /**
- * Sets the inputs of a SubDevice: they are on the wire when it has mapped its inputs the next
- * time, and stay until they are set again. Bytes of the process image beyond `length` stay its
- * application's.
+ * Sets the inputs of a SubDevice. They are on the wire after it has mapped its inputs the next
+ * time, and remain until they are set again. Bytes of the process image beyond `length` remain
+ * those of its application.
  *
- * `inputs`: is copied; not more bytes than the SubDevice can have.
+ * `inputs`: is copied; at most as many bytes as the SubDevice can have.
  */
 isocat_code isocat_device_set_inputs(struct isocat_bus *bus,
                                      size_t position,
@@ -685,7 +682,7 @@ isocat_code isocat_device_set_inputs(struct isocat_bus *bus,
                                      struct isocat_error **error);
 
 /**
- * Gives the inputs of a SubDevice back to its application.
+ * Returns control of the inputs of a SubDevice to its application.
  */
 isocat_code isocat_device_release_inputs(struct isocat_bus *bus,
                                          size_t position,
@@ -697,42 +694,42 @@ isocat_code isocat_device_release_inputs(struct isocat_bus *bus,
 isocat_code isocat_error_code(const struct isocat_error *error);
 
 /**
- * What is wrong, in words: the place, what was found and what was expected. One line, or two where
- * there is a hint. It lives as long as the error; NULL for NULL.
+ * The description of an error: the place, what was found and what was expected. One line, or two
+ * with a hint. Valid as long as the error; NULL for NULL.
  */
 const char *isocat_error_text(const struct isocat_error *error);
 
 /**
- * The file in which it is wrong, as it was named; empty where no file is wrong. It lives as long
- * as the error; NULL for NULL.
+ * The name of the wrong file; empty if no file is wrong. Valid as long as the error; NULL for
+ * NULL.
  */
 const char *isocat_error_file(const struct isocat_error *error);
 
 /**
- * The line of that file, from 1; 0 where no line is wrong, and for NULL.
+ * The wrong line of that file, from 1; 0 if no line is wrong, and for NULL.
  */
 uint32_t isocat_error_line(const struct isocat_error *error);
 
 /**
- * The column in characters, from 1; 0 where no line is wrong, and for NULL.
+ * The wrong column in characters, from 1; 0 if no line is wrong, and for NULL.
  */
 uint32_t isocat_error_column(const struct isocat_error *error);
 
 /**
- * Frees an error. NULL is nothing to free.
+ * Frees an error; NULL is ignored.
  */
 void isocat_error_free(struct isocat_error *error);
 
 /**
- * Frees a text that the caller owns: one that a function gave through a `char **`. NULL is nothing
- * to free.
+ * Frees a text that the caller owns, which a function returned through a `char **`; NULL is
+ * ignored.
  */
 void isocat_text_free(char *text);
 
 /**
- * Plans a segment as it is described; nothing is sent. Lines that do not fit are no error.
+ * Plans a segment as it is described; sends nothing. Lines that do not fit are no error.
  *
- * `plan`: where the handle goes; freed by isocat_plan_free.
+ * `plan`: receives the handle, which is freed by isocat_plan_free.
  */
 isocat_code isocat_plan_new(const struct isocat_segment *segment,
                             struct isocat_plan **plan,
@@ -741,7 +738,7 @@ isocat_code isocat_plan_new(const struct isocat_segment *segment,
 /**
  * The plan as a whole.
  *
- * `summary`: where it goes; `size` has to be set.
+ * `summary`: receives it; `size` must be set.
  */
 isocat_code isocat_plan_get_summary(const struct isocat_plan *plan,
                                     struct isocat_plan_summary *summary,
@@ -751,7 +748,7 @@ isocat_code isocat_plan_get_summary(const struct isocat_plan *plan,
  * A line of the plan.
  *
  * `number`: from 0.
- * `line`: where it goes; `size` has to be set.
+ * `line`: receives it; `size` must be set.
  */
 isocat_code isocat_plan_get_line(const struct isocat_plan *plan,
                                  size_t number,
@@ -759,9 +756,9 @@ isocat_code isocat_plan_get_line(const struct isocat_plan *plan,
                                  struct isocat_error **error);
 
 /**
- * What the plan has for a SubDevice.
+ * The part of the plan for a SubDevice.
  *
- * `device`: where it goes; `size` has to be set.
+ * `device`: receives it; `size` must be set.
  */
 isocat_code isocat_plan_get_device(const struct isocat_plan *plan,
                                    size_t position,
@@ -771,50 +768,51 @@ isocat_code isocat_plan_get_device(const struct isocat_plan *plan,
 /**
  * The plan as a JSON document (docs/plan.schema.json).
  *
- * `json`: where the text goes; the caller owns it, and frees it by isocat_text_free.
+ * `json`: receives the text; the caller owns it, and frees it by isocat_text_free.
  */
 isocat_code isocat_plan_json(const struct isocat_plan *plan,
                              char **json,
                              struct isocat_error **error);
 
 /**
- * Frees a plan. NULL is nothing to free.
+ * Frees a plan; NULL is ignored.
  */
 void isocat_plan_free(struct isocat_plan *plan);
 
 /**
- * ISOCAT_ABI_VERSION of the library that runs. A program compares it with that of its header.
+ * ISOCAT_ABI_VERSION of the running library. A program compares it with that of its header.
  */
 uint32_t isocat_abi_version(void);
 
 /**
- * The version of the library, such as "0.1.0". It lives for ever.
+ * The version of the library, for example "0.1.0". Always valid.
  */
 const char *isocat_version(void);
 
 /**
- * Gives the built-in segment: two drives, a coupler with a terminal, and a third drive, at 1 ms.
+ * Returns the built-in segment: two drives, a coupler with a terminal, and a third drive, at 1 ms.
  *
- * `segment`: where the handle goes; freed by isocat_segment_free.
+ * `segment`: receives the handle, which is freed by isocat_segment_free.
  */
 isocat_code isocat_segment_built_in(struct isocat_segment **segment, struct isocat_error **error);
 
 /**
- * Reads a segment file (TOML, docs/segment-file.md), 16 MiB at most, and the files that it names.
+ * Reads a segment file (TOML, docs/segment-file.md) of at most 16 MiB, and the files that it
+ * names.
  *
- * `path`: UTF-8. Files that it names are looked for beside it.
- * `segment`: where the handle goes; freed by isocat_segment_free.
+ * `path`: UTF-8. Relative paths in the file begin at its folder.
+ * `segment`: receives the handle, which is freed by isocat_segment_free.
  */
 isocat_code isocat_segment_read(const char *path,
                                 struct isocat_segment **segment,
                                 struct isocat_error **error);
 
 /**
- * Reads the same from memory.
+ * Reads a segment file from memory.
  *
- * `text`: `length` bytes of UTF-8, 16 MiB at most; no zero needs to end them.
- * `path`: what errors call it, and beside which the files lie that it names. NULL: it is called
- * "segment", and they are looked for in the working directory.
+ * `text`: `length` bytes of UTF-8, at most 16 MiB; a zero at the end is not needed.
+ * `path`: the name in errors; relative paths in the text begin at its folder. NULL: the name is
+ * "segment", and paths begin at the working directory.
  */
 isocat_code isocat_segment_parse(const uint8_t *text,
                                  size_t length,
@@ -823,39 +821,39 @@ isocat_code isocat_segment_parse(const uint8_t *text,
                                  struct isocat_error **error);
 
 /**
- * How many SubDevices it has; 0 for NULL. Positions count from 0, in processing order.
+ * The number of its SubDevices; 0 for NULL. Positions count from 0, in processing order.
  */
 size_t isocat_segment_devices(const struct isocat_segment *segment);
 
 /**
- * The name of a SubDevice in UTF-8; NULL where there is none. It lives as long as the segment.
+ * The name of a SubDevice in UTF-8; NULL if there is none. Valid as long as the segment.
  */
 const char *isocat_segment_device_name(const struct isocat_segment *segment, size_t position);
 
 /**
- * The bus cycle that it is described with, ns; 0 for NULL.
+ * The bus cycle of the description, ns; 0 for NULL.
  */
 int64_t isocat_segment_cycle_ns(const struct isocat_segment *segment);
 
 /**
- * How many ports of a MainDevice it hangs on: 1, or 2 for a ring; 0 for NULL.
+ * The number of MainDevice ports that it needs: 1, or 2 for a ring; 0 for NULL.
  */
 uint32_t isocat_segment_ports(const struct isocat_segment *segment);
 
 /**
- * Sets the seed of everything random, for buses that are made from now on. Without it, that of the
- * file.
+ * Sets the seed of all random values, for buses that are made from now on. The default is the
+ * file's seed.
  */
 isocat_code isocat_segment_set_seed(struct isocat_segment *segment,
                                     uint64_t seed,
                                     struct isocat_error **error);
 
 /**
- * Gives a SubDevice an application of the caller's own, in buses that are made from now on. Its
- * process data, objects and times stay those of its profile. A second call for the same SubDevice
- * replaces the first one.
+ * Replaces the application of a SubDevice by one of the caller, in buses that are made from now
+ * on. Process data, objects and times remain those of its profile. A second call for the same
+ * SubDevice replaces the first one.
  *
- * `application`: is copied; `size` has to be set. What `user` points to has to live as long as the
+ * `application`: is copied; `size` must be set. What `user` points to must live as long as the
  * buses.
  */
 isocat_code isocat_segment_plug_in(struct isocat_segment *segment,
@@ -864,14 +862,14 @@ isocat_code isocat_segment_plug_in(struct isocat_segment *segment,
                                    struct isocat_error **error);
 
 /**
- * Frees a segment. NULL is nothing to free.
+ * Frees a segment; NULL is ignored.
  */
 void isocat_segment_free(struct isocat_segment *segment);
 
 /**
- * The verdict as of now. The bus goes on; at the end, isocat_bus_finish comes before.
+ * The verdict at the present instant. The bus continues; at its end, call isocat_bus_finish first.
  *
- * `verdict`: where the handle goes; freed by isocat_verdict_free.
+ * `verdict`: receives the handle, which is freed by isocat_verdict_free.
  */
 isocat_code isocat_bus_verdict(struct isocat_bus *bus,
                                struct isocat_verdict **verdict,
@@ -880,17 +878,17 @@ isocat_code isocat_bus_verdict(struct isocat_bus *bus,
 /**
  * The verdict as a whole.
  *
- * `summary`: where it goes; `size` has to be set.
+ * `summary`: receives it; `size` must be set.
  */
 isocat_code isocat_verdict_get_summary(const struct isocat_verdict *verdict,
                                        struct isocat_verdict_summary *summary,
                                        struct isocat_error **error);
 
 /**
- * What is said of a SubDevice, in the last session. ISOCAT_OUT_OF_RANGE if nothing is: no
- * SubDevice came to operation there.
+ * The verdict on a SubDevice in the last session. ISOCAT_OUT_OF_RANGE if there is none, because no
+ * SubDevice reached operation in it.
  *
- * `device`: where it goes; `size` has to be set.
+ * `device`: receives it; `size` must be set.
  */
 isocat_code isocat_verdict_get_device(const struct isocat_verdict *verdict,
                                       size_t position,
@@ -898,7 +896,7 @@ isocat_code isocat_verdict_get_device(const struct isocat_verdict *verdict,
                                       struct isocat_error **error);
 
 /**
- * What speaks against a SubDevice, as a sentence; NULL where there is nothing more. It lives as
+ * A finding against a SubDevice, as a sentence; NULL if there is none with this number. Valid as
  * long as the verdict.
  *
  * `number`: from 0 to isocat_device_verdict.findings - 1.
@@ -908,26 +906,26 @@ const char *isocat_verdict_finding(const struct isocat_verdict *verdict,
                                    size_t number);
 
 /**
- * All of it in words, as `isocat serve` tells it: what the MainDevice did, what it left out, and
- * the verdict. Many lines.
+ * The whole verdict in words, as `isocat serve` prints it: what the MainDevice did, what it
+ * omitted, and the result. Many lines.
  *
- * `text`: where it goes; the caller owns it, and frees it by isocat_text_free.
+ * `text`: receives the text; the caller owns it, and frees it by isocat_text_free.
  */
 isocat_code isocat_verdict_text(const struct isocat_verdict *verdict,
                                 char **text,
                                 struct isocat_error **error);
 
 /**
- * All of it as a JSON document (docs/serve-summary.schema.json).
+ * The whole verdict as a JSON document (docs/serve-summary.schema.json).
  *
- * `json`: where the text goes; the caller owns it, and frees it by isocat_text_free.
+ * `json`: receives the text; the caller owns it, and frees it by isocat_text_free.
  */
 isocat_code isocat_verdict_json(const struct isocat_verdict *verdict,
                                 char **json,
                                 struct isocat_error **error);
 
 /**
- * Frees a verdict. NULL is nothing to free.
+ * Frees a verdict; NULL is ignored.
  */
 void isocat_verdict_free(struct isocat_verdict *verdict);
 

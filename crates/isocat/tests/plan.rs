@@ -458,7 +458,7 @@ fn schema_is_committed(name: &str, schema: &serde_json::Value) {
 fn several_cycles_are_planned_in_one_table() {
     let text = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nname = \"axis\"\n\
                 [[subdevice]]\ndevice = \"simple_io16\"\nname = \"io\"\ncount = 30\n\
-                [[subdevice]]\ndevice = \"beckhoff_el2502-0010\"\nname = \"PWM\"\n";
+                [[subdevice]]\ndevice = \"simple_io4\"\nname = \"last\"\n";
     let cycles = ["1us", "200us", "1ms"].map(str::to_owned);
     let found = isocat::plan::cycles::at_cycles("here.toml", text, &cycles).unwrap();
     let [none, short, long] = &found.plans[..] else { panic!("three plans: {found:?}") };

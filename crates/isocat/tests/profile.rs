@@ -191,7 +191,7 @@ fn a_scan_that_could_not_read_everything() {
     document["devices"].as_array_mut().expect("devices").push(twice);
     document["devices"][1]["name"] = "the other".into();
     let path = write("unread.json", &document.to_string());
-    refused(&[&path], "it has 2 devices; expected the type of one of them, such as --device 0");
+    refused(&[&path], "it has 2 devices; expected which of them, such as --device 0");
     refused(&[&path, "--device", "2"], "no device \"2\"; expected 0 to 1, or a name");
     let (by_name, _) = made(&[&path, "--device", "the other"], "unread.toml");
     let profile = std::fs::read_to_string(&by_name).expect("a file");

@@ -5,7 +5,6 @@
 //! segment does not come up.
 
 use std::process::ExitCode;
-use std::time::Instant;
 
 use isocat_maindevice::{Event, Stage};
 use isocat_segment::{Scenario, SegmentFile};
@@ -31,13 +30,8 @@ fn main() -> ExitCode {
 
 /// Runs a segment and prints its table; whether it came up.
 fn show(path: &str, scenario: &Scenario) -> bool {
-    let begun = Instant::now();
     let outcome = scenario.run().execute(Some(Stages::default()), &mut |_| {});
-    println!(
-        "{path}, {} SubDevices ({:.1} s)",
-        scenario.devices.len(),
-        begun.elapsed().as_secs_f64()
-    );
+    println!("{path}, {} SubDevices", scenario.devices.len());
     let worst = |of: &dyn Fn(&isocat_sim::judge::Sync0Error) -> f64| {
         let errors = outcome.bench.devices().iter().filter_map(|device| device.sync0.as_ref());
         errors.map(of).fold(0.0, f64::max)

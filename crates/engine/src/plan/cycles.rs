@@ -64,6 +64,8 @@ pub struct DeviceAt {
     pub position: usize,
     /// Name in the segment file.
     pub name: String,
+    /// Profile.
+    pub profile: String,
     /// Synchronization mode.
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
@@ -126,6 +128,7 @@ impl AtCycle {
             DeviceAt {
                 position: device.position,
                 name: device.name.clone(),
+                profile: device.profile.clone(),
                 mode: device.mode,
                 mode_reason: device.mode_reason.clone(),
                 every: device.every,
@@ -141,17 +144,21 @@ impl AtCycle {
             devices: report.devices.iter().map(device).collect(),
         }
     }
-
-    fn device(&self, position: usize) -> Option<&DeviceAt> {
-        self.devices.get(position)
-    }
 }
 
-/// A SubDevice with its cell at each cycle.
+/// A SubDevice at each cycle; `None` where there is no plan.
 struct Row<'a> {
     position: usize,
-    name: &'a str,
-    cells: Vec<String>,
+    of: &'a DeviceAt,
+    at: Vec<Option<&'a DeviceAt>>,
+}
+
+impl Row<'_> {
+    /// Whether both are one row of the table: equal devices that get equal modes.
+    fn is_like(&self, other: &Self) -> bool {
+        let modes = |row: &Self| row.at.iter().map(|at| at.map(|at| at.mode)).collect::<Vec<_>>();
+        self.of.profile == other.of.profile && modes(self) == modes(other)
+    }
 }
 
 impl Cycles {
@@ -181,18 +188,20 @@ impl Cycles {
             }
         }
         let rows = self.rows();
-        let stretches = fold(&rows, |a, b| a.cells == b.cells);
+        let stretches = fold(&rows, Row::is_like);
         for block in (0..self.plans.len()).collect::<Vec<_>>().chunks(COLUMNS) {
             write!(out, "\n {:<9} {:<22}", "#", "device")?;
             for at in block {
                 write!(out, " {:<21}", Nanos(self.plans[*at].cycle_ns).to_string())?;
             }
+            trim_end(out);
             writeln!(out)?;
             for stretch in &stretches {
-                let names: Vec<_> = stretch.iter().map(|row| (row.position, row.name)).collect();
+                let names: Vec<_> =
+                    stretch.iter().map(|row| (row.position, row.of.name.as_str())).collect();
                 write!(out, " {}", label(&names, 9, 22))?;
                 for at in block {
-                    write!(out, " {:<21}", stretch[0].cells[*at])?;
+                    write!(out, " {:<21}", cell(stretch.iter().filter_map(|row| row.at[*at])))?;
                 }
                 trim_end(out);
                 writeln!(out)?;
@@ -230,24 +239,23 @@ impl Cycles {
 
     fn rows(&self) -> Vec<Row<'_>> {
         let most = self.plans.iter().map(|plan| plan.devices.len()).max().unwrap_or(0);
-        let mut rows: Vec<Row<'_>> = Vec::new();
-        for position in 0..most {
-            let at = |plan: &AtCycle| plan.device(position).map_or("-".to_owned(), cell);
-            let cells: Vec<String> = self.plans.iter().map(at).collect();
-            let of = self.plans.iter().find_map(|plan| plan.device(position));
-            let name = of.map_or("", |device| device.name.as_str());
-            rows.push(Row { position, name, cells });
-        }
-        rows
+        let row = |position: usize| {
+            let at: Vec<_> = self.plans.iter().map(|plan| plan.devices.get(position)).collect();
+            let of = *at.iter().flatten().next()?;
+            Some(Row { position, of, at })
+        };
+        (0..most).filter_map(row).collect()
     }
 }
 
 /// Cycles beside each other in a hundred columns.
 const COLUMNS: usize = 3;
 
-fn cell(device: &DeviceAt) -> String {
-    let slack = device.least_slack_ns.map_or("-".to_owned(), |ns| Nanos(ns).to_string());
-    format!("{} {slack}", device.mode)
+/// Mode and least slack of one device or of several equal ones.
+fn cell<'a>(devices: impl Iterator<Item = &'a DeviceAt> + Clone) -> String {
+    let Some(first) = devices.clone().next() else { return "-".to_owned() };
+    let least = devices.filter_map(|device| device.least_slack_ns).min();
+    format!("{} {}", first.mode, least.map_or("-".to_owned(), |ns| Nanos(ns).to_string()))
 }
 
 fn trim_end(text: &mut String) {

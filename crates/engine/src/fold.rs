@@ -29,7 +29,7 @@ pub fn range(first: usize, last: usize) -> String {
 const MOST_PLACES: usize = 12;
 
 /// Ascending positions: `1, 3 to 5, 9`. Two neighbours stand one by one; a list longer than
-/// [`MOST_PLACES`] ends with a count.
+/// `MOST_PLACES` ends with a count.
 pub fn positions(all: &[usize]) -> String {
     let numbered: Vec<(usize, usize)> = all.iter().copied().enumerate().collect();
     // In a row of neighbours place and position go up together.

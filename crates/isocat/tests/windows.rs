@@ -38,9 +38,12 @@ fn start_up(segment: SegmentFile) -> DeviceStartUp {
     Plan::of(&scenario).unwrap().start_up(&scenario).devices.remove(0)
 }
 
+/// Logical address, length, physical address and kind of an FMMU.
+type Mapped = (u32, u16, u16, u8);
+
 /// SyncManagers that are written, and FMMUs with their place in the process image: (logical, bytes,
 /// address, kind).
-fn written(device: &DeviceStartUp) -> (Vec<u16>, Vec<(u32, u16, u16, u8)>) {
+fn written(device: &DeviceStartUp) -> (Vec<u16>, Vec<Mapped>) {
     let (mut managers, mut fmmus) = (Vec::new(), Vec::new());
     for step in &device.registers {
         let isocat::start_up::Address::Physical { register, .. } = step.address else { continue };
@@ -77,7 +80,7 @@ impl isocat_maindevice::Application for Collect {
     fn cycle(&mut self, cycle: &mut Cycle<'_>) {
         let Some(time) = cycle.reference_time() else { return };
         let inputs = (0..self.devices).map(|device| cycle.inputs(device).to_vec());
-        self.seen.push((time.count() as u64, inputs.collect()));
+        self.seen.push((time.count(), inputs.collect()));
     }
 }
 
@@ -291,7 +294,7 @@ fn each_window_needs_an_fmmu() {
 
     let too_many = "SubDevice 0 (0x1001, Many): 9 FMMUs needed, 8 there";
     let scenario = Scenario::from(of(8));
-    let error = Plan::of(&scenario).err().expect("too few").to_string();
+    let error = Plan::of(&scenario).expect_err("too few").to_string();
     assert!(error.contains("9 FMMUs needed, 8 there"), "{error}; expected {too_many}");
     let report = run(&scenario);
     assert!(

@@ -71,7 +71,7 @@ pub fn explain(what: &Bound<'_, PyAny>) -> PyResult<Explanation> {
             number.map_err(|_| Failure::argument("what", what.to_string(), expected).raise(py))?;
         if number > 0xFFFF { format!("0x{number:08X}") } else { format!("0x{number:04X}") }
     } else {
-        let found = || format!("{} ({})", what.to_string(), what.get_type());
+        let found = || format!("{} ({})", what, what.get_type());
         what.extract::<String>()
             .map_err(|_| Failure::argument("what", found(), expected).raise(py))?
     };

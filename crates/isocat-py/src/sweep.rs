@@ -1,7 +1,7 @@
 //! Sweeps: one segment, many runs, one row for each.
 
 use std::sync::Arc;
-use std::sync::mpsc::{SyncSender, TryRecvError, sync_channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use isocat_engine::sweep::{self, Row, shrink};
@@ -237,11 +237,8 @@ impl Sweep {
         let mut work = || -> PyResult<()> {
             while let Some(row) = next(py, &flag, &mut receiver)? {
                 take(&row, &mut rows)?;
-                loop {
-                    match receiver.try_recv() {
-                        Ok(row) => take(&row, &mut rows)?,
-                        Err(TryRecvError::Empty | TryRecvError::Disconnected) => break,
-                    }
+                while let Ok(row) = receiver.try_recv() {
+                    take(&row, &mut rows)?;
                 }
             }
             Ok(())

@@ -102,3 +102,38 @@ fn a_mode_that_the_profile_does_not_list_is_refused() {
     );
     assert_eq!(error.hint.as_deref(), Some("it announces: sm"));
 }
+
+/// Valve terminals have four SyncManagers of outputs and no inputs: SM3 is then no event of inputs.
+#[test]
+fn outputs_in_sm3_are_not_taken_for_inputs() {
+    let manager = |number: u16| {
+        let at = 0x1000 + 0x100 * number;
+        format!("<Sm StartAddress=\"{at}\" ControlByte=\"#x44\" Enable=\"1\">Outputs</Sm>")
+    };
+    let pdo = |number: u16| {
+        let index = 0x1600 + number;
+        format!(
+            "<RxPdo Sm=\"{number}\"><Index>{index}</Index><Name>V</Name><Entry><Index>{}</Index>\
+             <SubIndex>1</SubIndex><BitLen>8</BitLen><Name>V</Name><DataType>USINT</DataType></Entry></RxPdo>",
+            0x7000 + number
+        )
+    };
+    let of_all = |part: &dyn Fn(u16) -> String| (0..4).map(part).collect::<String>();
+    let description = format!(
+        "<EtherCATInfo><Vendor><Id>1</Id><Name>Nobody</Name></Vendor><Descriptions><Groups><Group>\
+         <Type>G</Type></Group></Groups><Devices><Device Physics=\"YY\"><Type ProductCode=\"2\" \
+         RevisionNo=\"3\">Valves</Type><GroupType>G</GroupType>{}{}<Eeprom/></Device></Devices>\
+         </Descriptions></EtherCATInfo>",
+        of_all(&manager),
+        of_all(&pdo)
+    );
+    let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("valves.xml");
+    std::fs::write(&path, description).expect("a description");
+    let report = judged(&format!(
+        "cycle = \"1ms\"\n[[subdevice]]\nesi = {:?}\n",
+        path.display().to_string()
+    ));
+    assert!(report.in_sync, "{}", report.verdict);
+    let seen = &report.devices[0].true_time;
+    assert!(seen.inputs_age.is_none() && seen.outputs_age.is_some(), "{seen:?}");
+}

@@ -159,8 +159,14 @@ impl Draft<'_> {
             }
             // A number that the other direction does not use.
             None => {
-                let taken = other.as_ref().is_some_and(|other| other.sync_manager == usual);
-                let sync_manager = if taken { usual ^ 1 } else { usual };
+                let is_taken = |number: &u8| {
+                    other.as_ref().is_some_and(|other| {
+                        let further = other.further.iter().map(|share| share.sync_manager);
+                        std::iter::once(other.sync_manager).chain(further).any(|own| own == *number)
+                    })
+                };
+                let mut numbers = [usual, usual ^ 1].into_iter().chain(4..16);
+                let sync_manager = numbers.find(|number| !is_taken(number)).unwrap_or(usual);
                 ProcessDataArea { sync_manager, start: 0, max_length: 0 }
             }
         };

@@ -42,7 +42,7 @@ def project(pytester: pytest.Pytester) -> pytest.Pytester:
 
 
 def test_one_case_for_each_seed(project: pytest.Pytester) -> None:
-    result = project.runpytest_subprocess("-p", "isocat.pytest_plugin", "--isocat-seeds", "4", "-v")
+    result = project.runpytest_subprocess("--isocat-seeds", "4", "-v")
     result.assert_outcomes(passed=12, failed=1)
     result.stdout.fnmatch_lines(
         [
@@ -52,8 +52,6 @@ def test_one_case_for_each_seed(project: pytest.Pytester) -> None:
         ]
     )
     again = project.runpytest_subprocess(
-        "-p",
-        "isocat.pytest_plugin",
         "test_machine.py::test_segment",
         "--isocat-seed",
         "3",
@@ -67,28 +65,24 @@ def test_the_segment_of_the_project(project: pytest.Pytester) -> None:
     project.makepyfile(
         test_machine="def test_it(isocat_segment):\n    assert len(isocat_segment) == 2\n"
     )
-    project.runpytest_subprocess("-p", "isocat.pytest_plugin").assert_outcomes(failed=1)
-    by_option = project.runpytest_subprocess(
-        "-p", "isocat.pytest_plugin", "--isocat-segment", "machine.toml"
-    )
+    project.runpytest_subprocess().assert_outcomes(failed=1)
+    by_option = project.runpytest_subprocess("--isocat-segment", "machine.toml")
     by_option.assert_outcomes(passed=1)
     project.makeini("[pytest]\nisocat_segment = machine.toml\n")
-    project.runpytest_subprocess("-p", "isocat.pytest_plugin").assert_outcomes(passed=1)
+    project.runpytest_subprocess().assert_outcomes(passed=1)
 
 
 def test_a_failure_on_a_bus_has_the_verdict(project: pytest.Pytester) -> None:
     project.makepyfile(test_machine="def test_it(isocat_bus):\n    assert False\n")
-    result = project.runpytest_subprocess("-p", "isocat.pytest_plugin")
+    result = project.runpytest_subprocess()
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*isocat verdict*"])
 
 
 def test_bad_input(project: pytest.Pytester) -> None:
     for words in (["--isocat-seeds", "0"], ["--isocat-seed", "-1"]):
-        result = project.runpytest_subprocess("-p", "isocat.pytest_plugin", *words)
+        result = project.runpytest_subprocess(*words)
         assert result.ret == pytest.ExitCode.USAGE_ERROR
         result.stderr.fnmatch_lines([f"ERROR: {' '.join(words)}: expected *"])
-    result = project.runpytest_subprocess(
-        "-p", "isocat.pytest_plugin", "--isocat-segment", "no.toml"
-    )
+    result = project.runpytest_subprocess("--isocat-segment", "no.toml")
     result.stdout.fnmatch_lines(["*No such file or directory*"])

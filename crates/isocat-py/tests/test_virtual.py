@@ -71,7 +71,7 @@ def test_the_command_of_the_wheel(tmp_path: Path) -> None:
             cwd=tmp_path,
         )
 
-    assert command("--version").stdout.strip().endswith(isocat.__version__)
+    assert command("--version").stdout.splitlines()[0].endswith(isocat.__version__)
     assert command("run", "--for", "50ms").returncode == 0
     wrong = command("rum")
     assert wrong.returncode == 2 and "error" in wrong.stderr

@@ -48,8 +48,8 @@ impl Report {
     }
 }
 
-/// Runs a scenario once more with a recorder, for a run that nobody recorded: the same seed gives
-/// the same run. `progress` hears of it as in [`isocat_sim::Run::execute`].
+/// Runs a scenario again with a recorder, for a run without a recording: the same seed gives the
+/// same run. `progress` hears of it as in [`isocat_sim::Run::execute`].
 pub fn record(
     scenario: &Scenario,
     progress: &mut dyn FnMut(isocat_sim::run::Progress),

@@ -147,8 +147,8 @@ const SETTLING: i64 = 8;
 const BEFORE: usize = 28;
 const AFTER: usize = 14;
 
-/// Spans of time that a series of one SubDevice has with so many of them: a page made of them stays
-/// below 2 MB.
+/// Number of time spans in the series of each SubDevice, for a segment of `devices` SubDevices. A
+/// page of all of them stays below 2 MB.
 pub fn spans(devices: usize) -> usize {
     (4_000 / devices.max(1)).clamp(40, 400)
 }

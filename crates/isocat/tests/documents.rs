@@ -197,7 +197,7 @@ fn furnish(folder: &Path) {
     }
 }
 
-/// What a line needs that is not here: an interface, a program of the reader's, somebody who looks
+/// What a line needs that is not here: an interface, a program of the reader's, a person who looks
 /// on.
 const NEEDS_MORE: [&str; 8] = [
     "sudo ",

@@ -44,7 +44,7 @@ fn description(outputs: bool, entry: u16, factor: u16, sync0: &str) -> String {
     )
 }
 
-/// SYNC0 so many times in a cycle, and SYNC1 once.
+/// `pulses` SYNC0 in a cycle, and one SYNC1.
 fn parts(pulses: u16) -> String {
     format!(
         "<AssignActivate>#x0730</AssignActivate><CycleTimeSync0 Factor=\"-{pulses}\">0</CycleTimeSync0>\

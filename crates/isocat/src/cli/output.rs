@@ -67,7 +67,7 @@ impl Output {
 impl Drop for Output {
     fn drop(&mut self) {
         if let Some((part, _)) = &self.names {
-            // There is nobody left to tell.
+            // Nothing is left that could take the error.
             let _ = fs::remove_file(part);
         }
     }

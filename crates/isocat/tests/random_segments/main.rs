@@ -107,7 +107,7 @@ fn a_plan_that_fits_is_kept() {
     check(from..from + number("ISOCAT_SEGMENTS", FEW));
 }
 
-/// Segments that are tried where nobody asks for more.
+/// Number of segments that are tried by default.
 const FEW: u64 = 30;
 /// Cycles that each runs at least.
 const LEAST_CYCLES: i64 = 50;

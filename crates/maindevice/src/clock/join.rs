@@ -74,7 +74,7 @@ pub(crate) async fn join(
     };
     let delays = estimator.delays();
     let entry = |position: usize| place(position).map_or(0, |at| latch[at].entry);
-    // System time and delay of whoever has both: all others follow from them.
+    // System time and delay of a SubDevice that has both: all others follow from them.
     let (known, time, delay) = if led {
         let device = &segment.devices[before];
         let time = entry(before).wrapping_add(device.offset);

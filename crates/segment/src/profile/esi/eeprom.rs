@@ -133,7 +133,7 @@ impl Import<'_> {
         }
         let flags = [(length > 0, SmRecord::ENABLED), (sm.op_only, SmRecord::OP_ONLY)];
         let enable = flags.into_iter().filter(|(is, _)| *is).fold(0, |sum, (_, bit)| sum | bit);
-        // Where nothing is exchanged, nobody is to find a use for it.
+        // A SyncManager without process data is unused.
         let kind = if length == 0 && assigned.is_none() { sm_type::UNUSED } else { kind };
         SmRecord { start: sm.start, length, control, status: 0, enable, kind }
     }

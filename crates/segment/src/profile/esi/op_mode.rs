@@ -131,7 +131,7 @@ impl RunAs {
     ) -> Self {
         let types = profile.supported_types();
         let mode = match (profile.states_modes(), types.sm_synchronous()) {
-            // Where nothing is announced, Free Run is what nobody can refuse.
+            // A device that announces nothing can't refuse Free Run.
             (true, false) => SyncMode::FreeRun,
             (true, true) => SyncMode::SmSynchronous,
             (false, _) => {

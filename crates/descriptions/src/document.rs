@@ -82,14 +82,17 @@ impl std::error::Error for FileError {}
 /// A hint for `unknown` among `known`: the nearest name if there is one, then all of them, or some
 /// if there are many.
 pub fn name_hint<'k>(unknown: &str, known: impl IntoIterator<Item = &'k str>) -> String {
-    let known: Vec<&str> = known.into_iter().collect();
+    hint_among(unknown, &known.into_iter().collect::<Vec<_>>())
+}
+
+fn hint_among(unknown: &str, known: &[&str]) -> String {
     let all = match known.len() {
         0..=MOST_NAMES => format!("expected one of: {}", known.join(", ")),
         count => {
             format!("expected one of {count}, such as: {}", known[..SOME_NAMES].join(", "))
         }
     };
-    match nearest(unknown, &known) {
+    match nearest(unknown, known) {
         Some(near) => format!("did you mean \"{near}\"? {all}"),
         None => all,
     }
@@ -254,7 +257,7 @@ impl<'a> Table<'a> {
                 (name, Value { source: self.source, name, value })
             })
             .collect();
-        all.sort_unstable_by_key(|(_, value)| value.at());
+        all.sort_by_cached_key(|(_, value)| value.at() as u64);
         all
     }
 
@@ -463,11 +466,20 @@ impl<'a> Value<'a> {
         if range.contains(&value) {
             return Ok(value);
         }
-        let (least, most) = (range.start(), range.end());
-        Err(self.error(format!(
+        Err(self.out_of_range(text, range.start(), range.end()))
+    }
+
+    /// The error of a quantity out of its range. One function for quantities of all types.
+    fn out_of_range(
+        &self,
+        text: &str,
+        least: &dyn fmt::Display,
+        most: &dyn fmt::Display,
+    ) -> FileError {
+        self.error(format!(
             "{} = \"{text}\" is out of range; expected {least} to {most}",
             self.name
-        )))
+        ))
     }
 
     /// The value that belongs to one of a few words.

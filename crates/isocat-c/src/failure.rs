@@ -132,12 +132,14 @@ pub(crate) fn guard<C: Into<isocat_code>>(
     work: impl FnOnce() -> Result<C, Failure>,
 ) -> isocat_code {
     // After a panic the handle's lock is poisoned, so the handle is not used again.
-    let done = catch_unwind(AssertUnwindSafe(work));
-    let failure = match done {
-        Ok(Ok(code)) => return code.into(),
-        Ok(Err(failure)) => failure,
-        Err(payload) => Failure::panic(&*payload),
-    };
+    match catch_unwind(AssertUnwindSafe(|| work().map(C::into))) {
+        Ok(Ok(code)) => code,
+        Ok(Err(failure)) => failed(error, failure),
+        Err(payload) => failed(error, Failure::panic(&*payload)),
+    }
+}
+
+fn failed(error: *mut *mut isocat_error, failure: Failure) -> isocat_code {
     let code = failure.code;
     sys::give_error(error, failure.into_error());
     code
@@ -146,15 +148,23 @@ pub(crate) fn guard<C: Into<isocat_code>>(
 /// Locks a handle for the duration of a call.
 pub(crate) fn lock<'a, T>(what: &str, handle: &'a Mutex<T>) -> Result<MutexGuard<'a, T>, Failure> {
     handle.try_lock().map_err(|error| match error {
-        TryLockError::WouldBlock => Failure::new(
-            isocat_code::ISOCAT_BUSY,
-            format!("{what} is in use; expected no call from a callback, and none from a second thread meanwhile"),
-        ),
-        TryLockError::Poisoned(_) => Failure::new(
-            isocat_code::ISOCAT_PANIC,
-            format!("{what} was left in the middle by a fault of libisocat; expected that it is freed"),
-        ),
+        TryLockError::WouldBlock => busy(what),
+        TryLockError::Poisoned(_) => poisoned(what),
     })
+}
+
+fn busy(what: &str) -> Failure {
+    Failure::new(
+        isocat_code::ISOCAT_BUSY,
+        format!("{what} is in use; expected no call from a callback, and none from a second thread meanwhile"),
+    )
+}
+
+fn poisoned(what: &str) -> Failure {
+    Failure::new(
+        isocat_code::ISOCAT_PANIC,
+        format!("{what} was left in the middle by a fault of libisocat; expected that it is freed"),
+    )
 }
 
 /// A document as JSON.

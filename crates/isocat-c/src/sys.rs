@@ -170,13 +170,22 @@ pub(crate) fn check_size<T: Versioned>(pointer: *const T) -> Result<(), Failure>
 }
 
 fn size_of_versioned<T: Versioned>(pointer: *const T) -> Result<usize, Failure> {
+    stated_size(pointer.cast(), T::NAME, T::FIRST, size_of::<T>())
+}
+
+/// The field `size` of a struct. One function for structs of all types.
+fn stated_size(
+    pointer: *const usize,
+    name: &'static str,
+    first: usize,
+    expected: usize,
+) -> Result<usize, Failure> {
     if pointer.is_null() {
-        return Err(Failure::null(T::NAME));
+        return Err(Failure::null(name));
     }
     // SAFETY: `size` is the first field.
-    let size = unsafe { pointer.cast::<usize>().read_unaligned() };
-    if !(T::FIRST..=LARGEST).contains(&size) {
-        let (name, expected) = (T::NAME, size_of::<T>());
+    let size = unsafe { pointer.read_unaligned() };
+    if !(first..=LARGEST).contains(&size) {
         let text = format!("{name}.size is {size}; expected sizeof({name}), {expected} here");
         return Err(Failure::new(isocat_code::ISOCAT_STRUCT_SIZE, text));
     }

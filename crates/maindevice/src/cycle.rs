@@ -128,7 +128,7 @@ impl CyclicExchange {
         let taken = Taken { chunks: vec![0; image.chunks.len()], ..Taken::default() };
         // Within a group the image follows positions.
         let mut order: Vec<_> = (0..segment.devices.len()).collect();
-        order.sort_unstable_by_key(|position| (segment.devices[*position].every, *position));
+        order.sort_by_cached_key(|position| u64::from(segment.devices[*position].every));
         let mut cycle = Self {
             cycle: config.cycle,
             send_phase: segment.timing.as_ref().map_or(Nanos::ZERO, |timing| timing.cycle.send),

@@ -62,7 +62,7 @@ pub(crate) fn lay_out(devices: &mut [SubDevice]) -> Result<ProcessImage, Cause> 
         chunk.writers += u16::from(outputs > 0);
         chunk.readers += u16::from(inputs > 0);
     }
-    image.chunks.sort_by_key(|chunk| chunk.every);
+    image.chunks.sort_by_cached_key(|chunk| u64::from(chunk.every));
     let mut logical = 0;
     for chunk in &mut image.chunks {
         chunk.logical = logical;

@@ -100,7 +100,7 @@ fn spread_by_sii(data: &mut ProcessData, pdos: &[SiiPdo], records: &[SmRecord], 
     let of_kind = |sm: u8| record(sm).is_some_and(|record| record.kind == kind);
     let mut named: Vec<u8> = pdos.iter().map(|pdo| pdo.record.sm).collect();
     named.retain(|sm| *sm != NO_SYNC_MANAGER && (kind == INPUTS || !is_window(*sm)));
-    named.sort_unstable();
+    named.sort_by_cached_key(|sm| u64::from(*sm));
     named.dedup();
     let windows = named.iter().any(|sm| is_window(*sm));
     if named.len() < 2 && !windows || !named.iter().all(|sm| is_window(*sm) || of_kind(*sm)) {

@@ -195,7 +195,7 @@ impl Conduct {
     /// The senders of the frames, those with most frames first.
     pub fn sources(&self) -> Vec<Source> {
         let mut sources: Vec<_> = self.sources.into_iter().filter(|s| s.frames > 0).collect();
-        sources.sort_by_key(|source| std::cmp::Reverse(source.frames));
+        sources.sort_by_cached_key(|source| u64::MAX - source.frames);
         sources
     }
 
@@ -208,7 +208,7 @@ impl Conduct {
     pub fn order(&self) -> Vec<(Deed, Done)> {
         let all = Deed::ALL.iter().filter_map(|deed| Some((*deed, self.done(*deed)?)));
         let mut all: Vec<_> = all.collect();
-        all.sort_unstable_by_key(|(deed, done)| (done.first, *deed as usize));
+        all.sort_by_cached_key(|(_, done)| done.first.count());
         all
     }
 

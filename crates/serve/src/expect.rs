@@ -180,7 +180,7 @@ fn findings<'a>(sessions: impl Iterator<Item = &'a Session>) -> Vec<Finding> {
         findings.map(|finding| (finding.since.map(|since| judged.began + since.into()), finding))
     };
     let mut all: Vec<_> = stretches.flat_map(of_stretch).collect();
-    all.sort_by_key(|(at, _)| (at.is_none(), *at));
+    all.sort_by_cached_key(|(at, _)| at.unwrap_or(Time::NEVER).count());
     all.into_iter().map(|(_, finding)| finding.clone()).collect()
 }
 

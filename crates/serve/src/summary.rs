@@ -378,7 +378,8 @@ fn steps(session: &Session) -> Vec<Step> {
         Some(Step { after_ns: ns(reached.last - began), what, count: reached.count })
     });
     let mut steps: Vec<_> = done.chain(reached).collect();
-    steps.sort_by_key(|step| step.after_ns);
+    // Counted from the beginning, so none is negative.
+    steps.sort_by_cached_key(|step| step.after_ns.cast_unsigned());
     steps
 }
 

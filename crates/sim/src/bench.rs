@@ -125,7 +125,7 @@ impl Bench {
         Self {
             intent: None,
             led: true,
-            devices: vec![DeviceBench::default(); devices],
+            devices: (0..devices).map(|_| DeviceBench::default()).collect(),
             outputs_valid: OutputsValid::new(0),
             host_phase: None,
         }

@@ -417,7 +417,7 @@ fn changes(model: &ClockModel) -> Vec<(u64, i64)> {
     if let Some(step) = model.step {
         changes.push((picos(step.at), step.by_ppb));
     }
-    changes.sort_unstable_by_key(|(at, _)| *at);
+    changes.sort_by_cached_key(|(at, _)| *at);
     let mut deviation = 0;
     for (_, by) in &mut changes {
         deviation += *by;

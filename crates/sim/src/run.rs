@@ -433,7 +433,7 @@ impl<T: Tap> Outcome<T> {
         let moves = notes.moves.iter().cloned();
         let (mut visits, others): (Vec<_>, Vec<_>) = found.chain(moves).partition(of_optional);
         findings.extend(others);
-        visits.sort_by_key(|visit| visit.at);
+        visits.sort_by_cached_key(|visit| visit.at.unwrap_or(Time::ZERO).count());
         self.visits = visits.into_iter().map(|visit| visit.since(began)).collect();
         for position in &notes.joining {
             self.joining[*position] = true;
@@ -458,7 +458,7 @@ impl<T: Tap> Outcome<T> {
             kind: kind.into(),
         }));
         // The first findings are nearest to the cause; findings without a time come last.
-        findings.sort_by_key(|dated| (dated.at.is_none(), dated.at));
+        findings.sort_by_cached_key(|dated| dated.at.unwrap_or(Time::NEVER).count());
         self.findings = findings.into_iter().map(|dated| dated.since(began)).collect();
     }
 

@@ -191,7 +191,7 @@ impl Segment {
         segment.refresh(Time::ZERO);
         let mut later: Vec<_> =
             later.into_iter().enumerate().filter(|(_, at)| *at > Time::ZERO).collect();
-        later.sort_unstable_by_key(|(device, at)| (*at, *device));
+        later.sort_by_cached_key(|(_, at)| at.count());
         for (device, _) in &later {
             segment.power_off(*device, Time::ZERO);
         }

@@ -46,9 +46,8 @@ impl Reader<'_> {
         }
         let previous = named(node, "PreviousPort");
         let selected = |node: &Node| matches!(node.attribute("Selected"), Some("1" | "true"));
-        let mut ports: Vec<Node> = previous.collect();
-        ports.sort_by_key(|node| !selected(node));
-        if let Some(port) = ports.first() {
+        let ports: Vec<Node> = previous.collect();
+        if let Some(port) = ports.iter().find(|node| selected(node)).or(ports.first()) {
             device.parent = Some(self.parent(*port)?);
         }
         slave.hot_connect = child(node, "HotConnect").is_some();

@@ -57,7 +57,7 @@ impl Writer {
         }
         self.within("Cyclic", "", |w| w.cyclic(list, 1))?;
         let mut slower: Vec<u32> = list.frames.iter().map(|frame| frame.every).collect();
-        slower.sort_unstable();
+        slower.sort_by_cached_key(|every| u64::from(*every));
         slower.dedup();
         for every in slower.into_iter().filter(|every| *every > 1) {
             self.within("Cyclic", "", |w| w.cyclic(list, every))?;

@@ -52,7 +52,7 @@ impl EsiFile {
     /// The device that matches a wish.
     pub fn device(&self, wish: Wish<'_>) -> Result<Choice<'_>, NoChoice> {
         let mut candidates = self.of_product(self.of_type(wish)?, wish)?;
-        candidates.sort_by_key(|device| number(device));
+        candidates.sort_by_cached_key(|device| u64::from(number(device)));
         let newest =
             |found: &&&EsiDevice| wish.revision.is_none_or(|wanted| number(found) <= wanted);
         let Some(device) = candidates.iter().rev().find(newest).copied() else {
@@ -154,7 +154,7 @@ fn number(device: &EsiDevice) -> u32 {
 /// Product codes in a list, each once.
 fn products<'f>(devices: impl Iterator<Item = &'f EsiDevice>) -> String {
     let mut codes: Vec<_> = devices.filter_map(|device| device.product_code).collect();
-    codes.sort_unstable();
+    codes.sort_by_cached_key(|code| u64::from(*code));
     codes.dedup();
     let codes: Vec<_> = codes.into_iter().map(|code| format!("{code:#010x}")).collect();
     codes.join(" or ")

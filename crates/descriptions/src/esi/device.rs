@@ -98,7 +98,7 @@ impl EsiDevice {
         let by_mode = by_mode.filter(|assignment| !assignment.pdos.is_empty());
         let named = by_default.chain(by_mode.map(|assignment| assignment.sync_manager));
         let mut windows: Vec<u8> = named.filter(|number| self.is_output_window(*number)).collect();
-        windows.sort_unstable();
+        windows.sort_by_cached_key(|number| u64::from(*number));
         windows.dedup();
         windows
     }

@@ -158,7 +158,7 @@ fn objects(dictionary: Element<'_>, left: &mut usize, warnings: &mut Warnings) -
             Err(problem) => left_out(problem, &named(element), warnings),
         }
     }
-    all.sort_by_key(|object| object.index);
+    all.sort_by_cached_key(|object| u64::from(object.index));
     all.dedup_by(|later, earlier| {
         let same = later.index == earlier.index;
         if same {

@@ -259,7 +259,8 @@ fn add_objects(
     room: &mut usize,
     w: &mut Warnings,
 ) {
-    let mut added: BTreeMap<u16, EsiObject> = BTreeMap::new();
+    let mut added: Vec<EsiObject> = Vec::new();
+    let mut indices: HashSet<u16> = HashSet::new();
     'modules: for (place, module) in placed {
         for object in &module.objects {
             let at = place_of(module, *place, object.at);
@@ -268,7 +269,7 @@ fn add_objects(
                 break 'modules;
             }
             let index = place.object(object.index, object.follows);
-            if added.contains_key(&index) {
+            if !indices.insert(index) {
                 w.add(WarningKind::ModuleIndexRepeated, at, || {
                     let (name, number) = (read::cut(&module.type_name), place.number);
                     format!(
@@ -277,14 +278,14 @@ fn add_objects(
                 });
                 continue;
             }
-            added.insert(index, EsiObject { at, index, ..object.clone() });
+            added.push(EsiObject { at, index, ..object.clone() });
         }
     }
     let own: HashSet<u16> = all.iter().map(|object| object.index).collect();
-    added.retain(|index, _| *index >= MANUFACTURERS || !own.contains(index));
-    all.retain(|object| !added.contains_key(&object.index));
-    all.extend(added.into_values());
-    all.sort_by_key(|object| object.index);
+    added.retain(|object| object.index >= MANUFACTURERS || !own.contains(&object.index));
+    all.retain(|object| object.index < MANUFACTURERS || !indices.contains(&object.index));
+    all.extend(added);
+    all.sort_by_cached_key(|object| u64::from(object.index));
 }
 
 /// Whether this many further bytes fit; adds a warning if they do not.

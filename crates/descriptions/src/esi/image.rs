@@ -41,7 +41,7 @@ impl Image {
             Some((_, pdos)) => pdos.push(pdo),
             None => {
                 list.push((number, vec![pdo]));
-                list.sort_unstable_by_key(|(number, _)| *number);
+                list.sort_by_cached_key(|(number, _)| u64::from(*number));
             }
         }
     }

@@ -23,10 +23,15 @@ pub(super) struct Warnings(pub Vec<Warning>);
 impl Warnings {
     /// Notes a doubt; the message is made only for the first of a kind.
     pub fn add(&mut self, kind: WarningKind, at: usize, message: impl FnOnce() -> String) {
-        match self.0.iter_mut().find(|warning| warning.kind == kind) {
-            Some(warning) => warning.count += 1,
-            None => self.0.push(Warning { kind, at, message: message(), count: 1 }),
+        if !self.again(kind) {
+            self.0.push(Warning { kind, at, message: message(), count: 1 });
         }
+    }
+
+    /// Counts another place of a kind; false if there is none yet.
+    fn again(&mut self, kind: WarningKind) -> bool {
+        let known = self.0.iter_mut().find(|warning| warning.kind == kind);
+        known.map(|warning| warning.count += 1).is_some()
     }
 }
 

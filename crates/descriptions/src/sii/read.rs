@@ -46,7 +46,7 @@ impl SiiFile {
         let used = reader.categories(&image);
         reader.contradictions();
         let Reader { sii, mut doubts, .. } = reader;
-        doubts.sort_by_key(|doubt| doubt.word);
+        doubts.sort_by_cached_key(|doubt| doubt.word as u64);
         Ok(Self { path: path.to_owned(), image, sii, used, doubts })
     }
 }

@@ -123,8 +123,11 @@ impl KindDocument {
             Figure::Text(text) => FigureDocument::Text(text.clone()),
             Figure::Absent => FigureDocument::Absent,
         };
-        let figures = figures.iter().map(|(name, figure)| (name.to_owned(), document(figure)));
-        Self { kind, figures: figures.collect() }
+        let mut documents = BTreeMap::new();
+        for (name, figure) in figures.iter() {
+            documents.insert(name.to_owned(), document(figure));
+        }
+        Self { kind, figures: documents }
     }
 }
 

@@ -159,7 +159,7 @@ pub(super) fn memory(draft: &Draft<'_>) -> Result<(), FileError> {
             areas.push((at, name, start, buffers(start, length) * u32::from(length)));
         }
     }
-    areas.sort_by_key(|(_, _, start, _)| *start);
+    areas.sort_by_cached_key(|(_, _, start, _)| u64::from(*start));
     for pair in areas.windows(2) {
         let (_, name, start, length) = pair[0];
         let (at, next, next_start, _) = pair[1];

@@ -91,7 +91,7 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
     let mapped = outputs.chain(inputs).flat_map(|(area, access)| mapped_objects(area, access));
     let mapped: Vec<_> = mapped.collect();
     add_missing(&mut draft.objects, mapped);
-    draft.objects.sort_unstable_by_key(|object| object.index);
+    draft.objects.sort_by_cached_key(|object| u64::from(object.index));
     if draft.eeprom.is_none() {
         unknown::complete(draft);
     }
@@ -431,7 +431,7 @@ fn mapped_objects(area: &Area, access: Access) -> Vec<draft::Object> {
         .flat_map(|pdo| &pdo.entries)
         .filter_map(|entry| Some((entry.object?, entry)))
         .collect();
-    mapped.sort_by_key(|(object, _)| *object);
+    mapped.sort_by_cached_key(|(object, _)| u64::from(object.index) << 8 | u64::from(object.sub));
     mapped.dedup_by_key(|(object, _)| *object);
     let objects = mapped.chunk_by(|(one, _), (other, _)| one.index == other.index);
     let object = |entries: &[(ObjectAddress, &draft::PdoEntry)]| {

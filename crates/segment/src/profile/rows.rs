@@ -70,7 +70,7 @@ fn entries(keys: &Keys<'_>, index: u16, like: Option<&Object>) -> Result<Vec<Ent
     }
     inherited.retain(|entry| own.iter().all(|own| own.sub != entry.sub));
     inherited.extend(own);
-    inherited.sort_unstable_by_key(|entry| entry.sub);
+    inherited.sort_by_cached_key(|entry| u64::from(entry.sub));
     Ok(inherited)
 }
 

@@ -189,7 +189,7 @@ pub(super) fn sort(devices: Vec<SubDevice>) -> Vec<SubDevice> {
         position[*old] = new;
     }
     let mut devices: Vec<_> = devices.into_iter().zip(&position).collect();
-    devices.sort_unstable_by_key(|(_, position)| **position);
+    devices.sort_by_cached_key(|(_, position)| **position as u64);
     let moved = |(mut device, _): (SubDevice, _)| {
         device.place.upstream = device.place.upstream.map(|(above, port)| (position[above], port));
         device

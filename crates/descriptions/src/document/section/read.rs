@@ -326,11 +326,23 @@ fn mistaken(kind: &Kind) -> ! {
 
 /// The default value of a key.
 fn default<T: Scalar>(key: &'static Key, text: &str, base: i64) -> T {
+    let mut default = None;
+    with_default(key, text, &mut |value| {
+        default = Some(T::read(value, &key.kind, base)?);
+        Ok(())
+    })
+    .unwrap_or_else(|error| panic!("a default is a value of its key: {error}"));
+    default.expect("it was read")
+}
+
+/// Calls `read` with the default value of a key. One function for values of all types.
+fn with_default(
+    key: &Key,
+    text: &str,
+    read: &mut dyn FnMut(&Value<'_>) -> Result<(), FileError>,
+) -> Result<(), FileError> {
     let text = format!("{} = {text}", key.name);
     let source = Source { path: "the default", text: &text };
-    let read = || {
-        let document = source.parse()?;
-        T::read(&Table::root(source, &document).required(key.name, "")?, &key.kind, base)
-    };
-    read().unwrap_or_else(|error| panic!("a default is a value of its key: {error}"))
+    let document = source.parse()?;
+    read(&Table::root(source, &document).required(key.name, "")?)
 }

@@ -121,7 +121,7 @@ impl Import<'_> {
             );
             self.doubts.push(Doubt::new("cycle-parameter", words));
         }
-        all.sort_by_key(|parameter| parameter.transition != Transition::IP);
+        all.sort_by_cached_key(|parameter| u64::from(parameter.transition != Transition::IP));
         all
     }
 
@@ -169,7 +169,7 @@ impl Import<'_> {
         }
         let own = all.keys().filter(|(of, _)| *of == drive).map(|(_, idn)| *idn);
         let mut idns: Vec<Idn> = own.chain([Idn::ALL_IDNS]).collect();
-        idns.sort();
+        idns.sort_by_cached_key(|idn| u64::from(idn.0));
         idns.dedup();
         // A list that is longer than a transfer would be none that can be read.
         idns.truncate((MAX_TRANSFER - 4) / 2);

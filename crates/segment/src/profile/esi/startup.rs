@@ -75,7 +75,9 @@ impl Import<'_> {
             }
         }
         self.tell_further();
-        all.sort_by_key(|download: &Placed<Startup>| download.value.transition != Transition::IP);
+        all.sort_by_cached_key(|download: &Placed<Startup>| {
+            u64::from(download.value.transition != Transition::IP)
+        });
         all
     }
 

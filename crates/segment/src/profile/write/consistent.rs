@@ -117,7 +117,7 @@ fn objects(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     for object in &mut draft.objects {
         let ascend = object.entries.windows(2).all(|pair| pair[0].sub < pair[1].sub);
         if !ascend {
-            object.entries.sort_by_key(|entry| entry.sub);
+            object.entries.sort_by_cached_key(|entry| u64::from(entry.sub));
             object.entries.dedup_by_key(|entry| entry.sub);
             lay_out(&mut object.entries);
             mended.push(object.index);
@@ -125,7 +125,7 @@ fn objects(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
     }
     note(notes, &mended, "its sub-indices do not ascend, or stand twice; they are sorted");
     let mut twice = Vec::new();
-    draft.objects.sort_by_key(|object| object.index);
+    draft.objects.sort_by_cached_key(|object| u64::from(object.index));
     draft.objects.dedup_by(|later, first| {
         let is = later.index == first.index;
         twice.extend(is.then_some(first.index));
@@ -293,7 +293,7 @@ fn cycle(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
 /// One note for several objects, naming the first ones by index.
 fn note(notes: &mut Vec<String>, indices: &[u16], what: &str) {
     let mut indices = indices.to_vec();
-    indices.sort_unstable();
+    indices.sort_by_cached_key(|index| u64::from(*index));
     indices.dedup();
     let named: Vec<_> =
         indices.iter().take(MOST_NAMED).map(|index| format!("0x{index:04X}")).collect();

@@ -197,8 +197,13 @@ fn words(ran: &Ran) -> String {
             format!("{} behind SYNC0", between(Moment::Sync0, Moment::OutputsValid)),
         ),
         (
-            "Inputs latch",
-            "Input Latch",
+            "Start Input Latch",
+            "the pulse that starts the latch",
+            format!("{}, {}", if latch == Moment::Sync1 { "SYNC1" } else { "SYNC0" }, at(latch)),
+        ),
+        (
+            "Inputs latch, Delay Time (0x1C33.9)",
+            "from there to Input Latch",
             format!(
                 "{} behind {}",
                 between(latch, Moment::InputLatch),

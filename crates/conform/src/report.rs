@@ -18,8 +18,7 @@ pub const FORMAT: &str = "isocat-conformance-report/2";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
-    settings.into_generator().into_root_schema_for::<ConformanceReport>().to_value()
+    isocat_descriptions::schema::of::<ConformanceReport>(FORMAT)
 }
 
 /// The whole document.

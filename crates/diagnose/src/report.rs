@@ -24,7 +24,7 @@ pub const FORMAT: &str = "isocat-diagnose/1";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    schemars::schema_for!(DiagnoseReport).to_value()
+    isocat_descriptions::schema::of::<DiagnoseReport>(FORMAT)
 }
 
 /// Makes the document.

@@ -10,8 +10,7 @@ pub const FORMAT: u32 = 1;
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
-    settings.into_generator().into_root_schema_for::<Catalog>().to_value()
+    isocat_descriptions::schema::of::<Catalog>(&format!("isocat-devices/{FORMAT}"))
 }
 
 /// The content of an ESI file.

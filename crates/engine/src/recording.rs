@@ -311,7 +311,7 @@ impl Tap for Recording {
     fn observed(&mut self, segment: &Segment, at: Time<True>, observation: &Observation) {
         let Some(since) = self.since(at) else { return };
         let Some(began) = &self.began else { return };
-        let Observation { device: position, event, .. } = *observation;
+        let Observation { device: position, device_at, event, .. } = *observation;
         let Some(device) = self.devices.get_mut(position) else { return };
         let clock = began.reference.map(|reference| &segment.devices()[reference]);
         let system = clock.map(|clock| clock.system_time_ps(at));
@@ -325,7 +325,7 @@ impl Tap for Recording {
         if let Some(moment) = moment::of(event) {
             device.remember(at, moment);
             if let Some(phases) = device.phases.as_mut().filter(|_| steady)
-                && phases.happened(at, system, moment)
+                && phases.happened(at, device_at, system, moment)
             {
                 device.keep_around(at);
             }

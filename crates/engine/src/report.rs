@@ -44,12 +44,7 @@ pub const FORMAT: &str = "isocat-run-report/8";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    schema_of::<Report>()
-}
-
-pub(crate) fn schema_of<T: JsonSchema>() -> serde_json::Value {
-    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
-    settings.into_generator().into_root_schema_for::<T>().to_value()
+    isocat_descriptions::schema::of::<Report>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds unless their name says otherwise.

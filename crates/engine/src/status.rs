@@ -334,7 +334,7 @@ impl Device {
 
 /// The schema of a status.
 pub fn schema() -> serde_json::Value {
-    crate::report::schema_of::<Status>()
+    isocat_descriptions::schema::of::<Status>(&format!("isocat-status/{FORMAT}"))
 }
 
 /// The name of an unknown state.

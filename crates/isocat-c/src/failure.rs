@@ -156,7 +156,9 @@ pub(crate) fn lock<'a, T>(what: &str, handle: &'a Mutex<T>) -> Result<MutexGuard
 fn busy(what: &str) -> Failure {
     Failure::new(
         isocat_code::ISOCAT_BUSY,
-        format!("{what} is in use; expected no call from a callback, and none from a second thread meanwhile"),
+        format!(
+            "{what} is in use; expected no call from a callback, and none from a second thread meanwhile"
+        ),
     )
 }
 

@@ -1,8 +1,6 @@
 //! Frames that `isocat diagnose` reads in a second, of a healthy capture. Beside `tshark`:
 //! `benches/diagnose.sh`.
 
-#![expect(missing_docs, reason = "the macros make undocumented items")]
-
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use isocat::capture::Capture;
 use isocat::diagnose::{Diagnosis, Names};

@@ -1,8 +1,6 @@
 //! How fast descriptions are imported, in bytes a second: one made here, and those that lie beside
 //! the project, if there are any.
 
-#![expect(missing_docs, reason = "the macros make undocumented items")]
-
 use std::fmt::Write as _;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,5 @@
 //! The plan of a thousand devices, from the scenario to its document.
 
-#![expect(missing_docs, reason = "the macros make undocumented items")]
-
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use isocat::plan::{Plan, suggest};
 use isocat::{Scenario, SegmentFile};

@@ -1,7 +1,5 @@
 //! Cost of a cycle of the built-in segment: MainDevice, wire, four ESCs with stacks, judges.
 
-#![expect(missing_docs, reason = "the macros make undocumented items")]
-
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use isocat::{Nanos, Scenario, SegmentFile, run};
 

@@ -98,13 +98,13 @@ Examples:
   isocat explain modes                what each synchronization mode needs of a device
 
 Exit codes:
-  0  run, virtual, watch: in sync, or all came as [[expect]] says; plan, new: fits; conform: each
-     rule holds; scan, calibrate: all was found; replay: as the model; diagnose, record: no fault;
-     sweep: each run as expected; other verbs: done
-  1  not so
+  0  run, virtual, watch: in sync, or every [[expect]] was met; plan, new: fits; conform: each rule
+     holds; scan, calibrate: everything was found; replay: agrees with the model; diagnose, record:
+     no fault; sweep: each run as expected; other verbs: done
+  1  the contrary
   2  bad input, or it could not begin
-  3  on a real wire, and virtual: nothing speaks against it, but not all was read that decides
-  4  virtual: the program failed
+  3  on a real wire, and virtual: nothing contradicts synchronization, but a value that decides is unknown
+  4  virtual: in sync, but the program failed
 docs/commands.md has them verb by verb.";
 
 /// For reports of faults: what was built, for which system, and the formats that it writes.
@@ -143,43 +143,43 @@ enum Verb {
     /// Plan the cycle of a segment without sending anything: frames, phases, the slack of every
     /// demand
     Plan(plan::Arguments),
-    /// Find out about a segment before any cycle: topology, delays, clocks, SII, objects, and what
+    /// Examine a segment before cyclic operation: topology, delays, clocks, SII, objects, and what
     /// is doubtful
     ///
-    /// Every SubDevice goes to INIT, to PREOP and back: not for a segment that somebody else has in
-    /// operation.
+    /// Every SubDevice goes to INIT, to PREOP and back: do not scan a segment that another
+    /// MainDevice operates.
     Scan(scan::Arguments),
-    /// Measure on a segment what no data sheet tells: crystals, law and sign of each drift loop,
-    /// hops, times
+    /// Measure values of a segment that no data sheet states: crystals, law and sign of each drift
+    /// loop, hops, times
     ///
     /// All devices have to be in INIT or PREOP: a segment in operation is refused. Offsets, delays,
     /// filters and states are put back as they were found, on Ctrl-C too.
     Calibrate(calibrate::Arguments),
-    /// Try whether a SubDevice synchronizes as it says, rule by rule
+    /// Test whether a SubDevice synchronizes as it states, rule by rule
     Conform(conform::Arguments),
-    /// Serve the virtual segment on a network interface, for anybody's MainDevice
+    /// Serve the virtual segment on a network interface, for any MainDevice
     #[cfg(target_os = "linux")]
     Serve(Box<serve::Arguments>),
     /// Run an unmodified MainDevice program on the virtual segment, in deterministic virtual time
     #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
     #[command(after_help = virtual_time::EXAMPLES)]
     Virtual(Box<virtual_time::Arguments>),
-    /// Ask something of an `isocat serve` that runs: inject a fault, print its state, end it
+    /// Send a command to a running `isocat serve`: inject a fault, print its state, end it
     #[cfg(target_os = "linux")]
     Control(serve::ControlArguments),
     /// Show a segment as it runs: a simulation, a real wire or a served one; or wait until it is in
     /// sync
     Watch(Box<watch::Arguments>),
-    /// Run a segment many times: over a grid of values, seeds, faults that are drawn
+    /// Run a segment many times: over a grid of values, over seeds, with random faults
     #[command(after_help = sweep::EXAMPLES)]
     Sweep(sweep::Arguments),
     /// Say what a code, an object, a register or a mode means, and what to do about it
     Explain(explain::Arguments),
-    /// Replay a capture of a real segment through modelled ESCs, and name where silicon and model
+    /// Replay a capture of a real segment through modelled ESCs, and show where silicon and model
     /// differ
     #[command(after_help = replay::EXAMPLES)]
     Replay(replay::Arguments),
-    /// Listen to an interface, and write the last seconds when something happens on the wire
+    /// Listen to an interface, and write the last seconds of frames when a fault occurs
     #[cfg(target_os = "linux")]
     #[command(after_help = record::EXAMPLES)]
     Record(Box<record::Arguments>),
@@ -192,10 +192,10 @@ enum Verb {
     /// Read the content of an EEPROM (SII), or write one from a maker's description or a profile
     #[command(after_help = sii::EXAMPLES)]
     Sii(sii::Arguments),
-    /// Make a segment file of makers' descriptions and types, of an ENI, or of what a scan found
+    /// Make a segment file from vendors' descriptions and types, an ENI, or the result of a scan
     #[command(after_help = new::EXAMPLES)]
     New(new::Arguments),
-    /// Make a profile file of a maker's description, an EEPROM or a scan
+    /// Make a profile file from a vendor's description, an EEPROM or a scan
     #[command(after_help = profile::EXAMPLES)]
     Profile(profile::Arguments),
     /// Print the built-in segment file

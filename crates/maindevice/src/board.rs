@@ -100,6 +100,8 @@ impl Board {
 
     /// Queues an event.
     pub fn report(&mut self, event: Event) {
+        #[cfg(feature = "tracing")]
+        crate::trace::event(&event);
         if self.events.len() >= MOST_EVENTS {
             self.dropped += 1;
         } else {

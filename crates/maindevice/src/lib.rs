@@ -109,6 +109,8 @@ mod sync;
 mod times;
 mod timing;
 mod topology;
+#[cfg(feature = "tracing")]
+mod trace;
 pub mod written;
 
 #[cfg(test)]

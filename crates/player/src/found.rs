@@ -14,8 +14,7 @@ pub const FORMAT: &str = "isocat-eni-scan/1";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
-    settings.into_generator().into_root_schema_for::<FoundReport>().to_value()
+    isocat_descriptions::schema::of::<FoundReport>(FORMAT)
 }
 
 /// A scan, compared with an ENI.

@@ -24,8 +24,7 @@ pub const FORMAT: &str = "isocat-eni-run/2";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
-    settings.into_generator().into_root_schema_for::<Report>().to_value()
+    isocat_descriptions::schema::of::<Report>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds.

@@ -92,7 +92,7 @@ const MOST_GAIN: i64 = 500;
 pub(crate) const EEPROM_READ: Key = Key {
     name: "eeprom_read",
     kind: Kind::Duration { least: Limit::At(0), most: Limit::At(50_000_000), whole: 1 },
-    need: Need::Without("20 us, so that nobody waits for it in virtual time"),
+    need: Need::Without("20 us, so that it costs no virtual time"),
     means: "How long one read of its EEPROM takes. A real one of 8 bytes at 100 kHz takes about 1 ms. \
             `isocat calibrate` measures it.",
     goes: "Chip::eeprom_read_time of the simulated ESC; register 0x0502 bit 15",

@@ -2,8 +2,6 @@
 //! BRD) through N SubDevices in OP. The work of SubDevices between two frames is done before the
 //! next frame, as the service does it in the pause, and is counted separately.
 
-#![expect(missing_docs, reason = "the macros make undocumented items")]
-
 #[cfg(target_os = "linux")]
 mod linux {
     use std::time::{Duration, Instant};

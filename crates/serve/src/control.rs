@@ -313,7 +313,7 @@ fn read(
             break;
         }
         if read.len() > most {
-            let message = format!("more than {most} bytes came; expected at most so many");
+            let message = format!("more than {most} bytes were received; expected {most} or fewer");
             return Err(io::Error::new(io::ErrorKind::InvalidData, message));
         }
     }

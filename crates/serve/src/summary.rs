@@ -22,8 +22,7 @@ pub const FORMAT: &str = "isocat-serve-summary/6";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
-    settings.into_generator().into_root_schema_for::<Summary>().to_value()
+    isocat_descriptions::schema::of::<Summary>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds; points of time count from the start of the
@@ -418,11 +417,11 @@ fn remarks(server: &Server, session: &Session) -> Vec<String> {
             ),
             (
                 Deed::ReadSyncTimes,
-                "0x1C32:05 and :06 were not read: nobody knows whether the cycle fits",
+                "0x1C32:05 and :06 were not read, so the MainDevice cannot know whether the cycle fits",
             ),
             (
                 Deed::ReadDifference,
-                "0x092C was not read: nobody knows whether the clocks had converged",
+                "0x092C was not read, so the MainDevice cannot know whether the clocks had converged",
             ),
         ] {
             if !did(deed) && (any_objects || !of_objects(deed)) {

@@ -30,7 +30,7 @@ impl Summary {
 
     fn write(&self, out: &mut String) -> fmt::Result {
         let sessions = match self.sessions.len() as u64 + self.sessions_left_out {
-            0 => "nobody sent a frame".to_owned(),
+            0 => "no frame was received".to_owned(),
             1 => "1 session".to_owned(),
             count => format!("{count} sessions"),
         };

@@ -1,7 +1,5 @@
 //! Cost of a cycle of a line of N SubDevices: for the segment alone, and with a MainDevice.
 
-#![expect(missing_docs, reason = "the macros make undocumented items")]
-
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
 mod line;

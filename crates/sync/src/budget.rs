@@ -171,6 +171,17 @@ impl Device {
         if self.outputs_arrival.is_some() { self.input_delay } else { Nanos::ZERO }
     }
 
+    /// Time from Start Input Latch to Input Latch (0x1C33:09), where SYNC1 or a local timer starts
+    /// the latch; `None` where the pulse itself latches, or where no delay is stated.
+    pub fn input_latch_delay(&self) -> Option<Nanos> {
+        let delay = match self.mode {
+            SyncMode::DcShiftSync1 => self.delay_behind_sync1(),
+            _ if self.shifts_inputs() => self.input_delay,
+            _ => Nanos::ZERO,
+        };
+        (delay > Nanos::ZERO).then_some(delay)
+    }
+
     /// Whether a local timer shifts its inputs. The mode must have such a shift.
     pub fn shifts_inputs(&self) -> bool {
         let modes = [SyncMode::SmSynchronous, SyncMode::DcSync0, SyncMode::DcSubordinated];

@@ -2,8 +2,6 @@
 //! ms, on the built-in segment. The throughput counts seconds of virtual time, so `elem/s` is the
 //! ratio of virtual to real time on an idle machine.
 
-#![expect(missing_docs, reason = "the macros make undocumented items")]
-
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, Throughput};

@@ -172,7 +172,7 @@ fn a_host_that_stands_still_is_seen_by_the_judges_and_the_run_goes_on() {
 #[test]
 fn a_verdict_in_the_middle_is_as_of_then() {
     let end = run(Segment::built_in(), async |bus| {
-        assert!(!bus.verdict().in_sync(), "nobody sent a frame");
+        assert!(!bus.verdict().in_sync(), "no frame was received");
         stack::bring_up(&bus).await;
         bus.sleep(100 * MS).await;
         let early = bus.verdict();

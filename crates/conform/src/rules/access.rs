@@ -56,7 +56,7 @@ pub(super) const RULES: &[Rule] = &[
     },
     Rule {
         id: "REF-01",
-        what: "a type that nobody knows is refused, the old one stays",
+        what: "an unknown type is refused, and the old one stays",
         source: "ETG.1020 0x1C32:01, 0x1C33:01; SDO abort 0x06090030",
         applies: "devices whose 0x1C32:01 can be written",
         check: Check::Once(unknown_type),

@@ -51,7 +51,7 @@ pub(super) const RULES: &[Rule] = &[
     },
     Rule {
         id: "MODE-07",
-        what: "who writes no type gets the mode that the SYNC unit is set to",
+        what: "without a written type the device runs in the mode that the SYNC unit is set to",
         source: "ET9300 9.1.3; 0x0981",
         applies: "devices with DC SYNC0 whose 0x1C32:01 can be written",
         check: Check::Once(follows_sync_unit),

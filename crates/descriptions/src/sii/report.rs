@@ -11,8 +11,7 @@ pub const FORMAT: u32 = 1;
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
-    settings.into_generator().into_root_schema_for::<Report>().to_value()
+    crate::schema::of::<Report>(&format!("isocat-sii/{FORMAT}"))
 }
 
 /// The content of an SII, with the doubts about it.

@@ -22,7 +22,7 @@ pub const MOST: usize = 32;
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    crate::report::schema_of::<Cycles>()
+    isocat_descriptions::schema::of::<Cycles>(FORMAT)
 }
 
 /// A segment at several bus cycles. All times are nanoseconds.

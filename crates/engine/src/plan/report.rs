@@ -15,7 +15,7 @@ pub const FORMAT: &str = "isocat-plan/3";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    crate::report::schema_of::<PlanReport>()
+    isocat_descriptions::schema::of::<PlanReport>(FORMAT)
 }
 
 /// The whole document.

@@ -5,7 +5,7 @@ use isocat_maindevice::segment::Timing;
 use isocat_sim::Statistics;
 use isocat_sync::budget::{Device, Span};
 use isocat_sync::{Moment, SyncMode};
-use isocat_wire::time::{Nanos, Time, True};
+use isocat_wire::time::{Device as Oscillator, Nanos, Time, True};
 
 /// The observed cycle of one SubDevice.
 #[derive(Clone, PartialEq, Debug)]
@@ -14,7 +14,8 @@ pub struct CycleSeen {
     pub origin: Origin,
     /// Each observed event, in the order of its mean.
     pub moments: Vec<(Moment, Statistics)>,
-    /// Duration of copying and calculating outputs, ps.
+    /// Duration of copying and calculating outputs, ps. Durations are counted by the SubDevice's
+    /// own oscillator, as the judges and its objects 0x1C32 and 0x1C33 count them.
     pub outputs_took: Statistics,
     /// Duration of copying and calculating inputs, ps.
     pub inputs_took: Statistics,
@@ -59,10 +60,10 @@ pub(super) struct Phases {
     acting: Option<Moment>,
     /// Times when outputs were fetched, were ready, were required before they were ready, and when
     /// inputs were begun.
-    fetched: Option<Time<True>>,
-    ready: Option<Time<True>>,
-    overtaken: Option<Time<True>>,
-    begun: Option<Time<True>>,
+    fetched: Option<Time<Oscillator>>,
+    ready: Option<Time<Oscillator>>,
+    overtaken: Option<Time<Oscillator>>,
+    begun: Option<Time<Oscillator>>,
     outputs_took: Statistics,
     inputs_took: Statistics,
     outputs_left: Statistics,
@@ -100,10 +101,16 @@ impl Phases {
 
     /// Notes an event; `system_ps` is the time of the reference clock, if there is one. Returns
     /// true for a pulse that came while outputs were in work.
-    pub fn happened(&mut self, at: Time<True>, system_ps: Option<i128>, moment: Moment) -> bool {
-        self.spans(at, moment);
+    pub fn happened(
+        &mut self,
+        at: Time<True>,
+        device_at: Time<Oscillator>,
+        system_ps: Option<i128>,
+        moment: Moment,
+    ) -> bool {
+        self.spans(device_at, moment);
         self.place(at, system_ps, moment);
-        self.overtaken == Some(at)
+        self.overtaken == Some(device_at)
     }
 
     fn place(&mut self, at: Time<True>, system_ps: Option<i128>, moment: Moment) {
@@ -148,7 +155,7 @@ impl Phases {
     }
 
     /// Notes the duration of work, and the time left before its deadline.
-    fn spans(&mut self, at: Time<True>, moment: Moment) {
+    fn spans(&mut self, at: Time<Oscillator>, moment: Moment) {
         match moment {
             Moment::OutputsFetched => {
                 self.fetched = Some(at);
@@ -157,24 +164,24 @@ impl Phases {
             }
             Moment::OutputsReady => {
                 if let Some(fetched) = self.fetched.take() {
-                    self.outputs_took.push((at - fetched).0);
+                    self.outputs_took.push(ps(at - fetched));
                 }
                 match self.overtaken.take() {
-                    Some(pulse) => self.outputs_left.push((pulse - at).0),
+                    Some(pulse) => self.outputs_left.push(ps(pulse - at)),
                     None => self.ready = Some(at),
                 }
             }
             Moment::InputsBegin => self.begun = Some(at),
             Moment::InputsAvailable => {
                 if let Some(begun) = self.begun.take() {
-                    self.inputs_took.push((at - begun).0);
+                    self.inputs_took.push(ps(at - begun));
                 }
             }
             _ => {}
         }
         if self.acting == Some(moment) {
             match (self.ready.take(), self.fetched) {
-                (Some(ready), _) => self.outputs_left.push((at - ready).0),
+                (Some(ready), _) => self.outputs_left.push(ps(at - ready)),
                 (None, Some(_)) => self.overtaken = Some(at),
                 (None, None) => {}
             }
@@ -194,6 +201,10 @@ impl Phases {
         let seen = CycleSeen { origin, moments, outputs_took, inputs_took, outputs_left };
         (!seen.moments.is_empty()).then_some(seen)
     }
+}
+
+fn ps(span: Nanos) -> i64 {
+    span.0 * 1_000
 }
 
 /// The pulse at which the outputs of a SubDevice act, if one does.

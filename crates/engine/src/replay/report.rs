@@ -22,7 +22,7 @@ pub const FORMAT: &str = "isocat-replay/1";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    crate::report::schema_of::<ReplayReport>()
+    isocat_descriptions::schema::of::<ReplayReport>(FORMAT)
 }
 
 /// The whole document.

@@ -16,7 +16,7 @@ pub const FORMAT: &str = "isocat-calibration/2";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    super::schema_of::<CalibrationReport>()
+    isocat_descriptions::schema::of::<CalibrationReport>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds unless their name says otherwise.

@@ -131,7 +131,9 @@ fn found(found: &Found, zero: Time<True>, name: &impl Fn(usize) -> String) -> St
         Found::NoFault => {
             "the faults of the file concern the MainDevice's machine, and none happened".to_owned()
         }
-        Found::Forgotten => "there were so many sessions that the first are forgotten".to_owned(),
+        Found::Forgotten => {
+            "there were more sessions than are kept, so the first ones are forgotten".to_owned()
+        }
     }
 }
 

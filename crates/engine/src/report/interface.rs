@@ -27,7 +27,7 @@ pub const FORMAT: &str = "isocat-interface-report/6";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    super::schema_of::<InterfaceReport>()
+    isocat_descriptions::schema::of::<InterfaceReport>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds of host time unless their name says otherwise.

@@ -25,7 +25,7 @@ pub const FORMAT: &str = "isocat-scan/1";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
-    super::schema_of::<ScanReport>()
+    isocat_descriptions::schema::of::<ScanReport>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds unless their name says otherwise.

@@ -23,7 +23,7 @@ Examples:
   isocat calibrate --interface eth0 --profile chip.toml --device 2
                                             position 2 as keys of a device profile
   isocat calibrate my.toml --drift-law block
-                                            the same on the virtual segment: what was set is found
+                                            the same on the virtual segment: it finds the law that was set
 
 Exit code: 0 law and sign of each clock were told, 1 of one they were not or something could not be put back, 2 bad
 input, no answer, or a segment that is in operation.";

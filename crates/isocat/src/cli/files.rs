@@ -60,13 +60,13 @@ impl Options {
         };
         match self {
             Self { tap, .. } if !tap.is_empty() => {
-                needs("--tap", "nobody sees the frames between real devices")
+                needs("--tap", "frames between real devices are not visible")
             }
             Self { tap_cable, .. } if !tap_cable.is_empty() => {
-                needs("--tap-cable", "nobody sees the frames between real devices")
+                needs("--tap-cable", "frames between real devices are not visible")
             }
             Self { trace: Some(_), .. } => {
-                needs("--trace", "nobody sees the pulses and steps of real devices")
+                needs("--trace", "pulses and steps of real devices are not visible")
             }
             Self { series: Some(_), .. } => {
                 needs("--series", "its figures are true time, which real devices do not tell")

@@ -23,8 +23,8 @@ pub struct Arguments {
     /// Segment file, or an ENI (.xml, .eni) to compare with the plan; without one, the built-in
     /// segment is planned
     segment: Option<String>,
-    /// Run the segment in virtual time with the worst jitter that is planned with, and show next to
-    /// each line what really happened
+    /// Run the segment in virtual time with the worst jitter of the plan, and show the measured
+    /// value next to each line
     #[arg(long)]
     prove: bool,
     /// With --prove: how long the proof runs once all devices are in OP; default as the segment
@@ -39,10 +39,10 @@ pub struct Arguments {
     /// Seed of the runs
     #[arg(long, requires = "runs")]
     seed: Option<u64>,
-    /// Law of all drift loops, in the place of what the file says: hold, block or proportional
+    /// Law of all drift loops, instead of that of the file: hold, block or proportional
     #[arg(long, value_name = "NAME", requires = "runs")]
     drift_law: Option<DriftLaw>,
-    /// What `isocat calibrate --chips` measured on a real segment, for the chips of the virtual one
+    /// Result of `isocat calibrate --chips` on a real segment, for the chips of the virtual one
     #[arg(long, value_name = "FILE")]
     chips: Option<String>,
     /// Look for the phase with the most even slack and for the smallest cycle that fits

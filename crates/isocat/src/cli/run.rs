@@ -143,7 +143,7 @@ pub fn run(arguments: &Arguments) -> u8 {
         }
         Some(_) if arguments.waves.is_some() => {
             return fail(
-                "--waves is beside --interface; expected a simulation: nobody sees the pulses of real devices",
+                "--waves is given with --interface; expected a simulation, since pulses of real devices are not visible",
             );
         }
         Some(interface) => {

@@ -333,7 +333,10 @@ impl Teller {
             self.tell_tape(&events);
         }
         if self.left_out.get() > 0 {
-            eprintln!("{} lines were left out: nobody read them in time", self.left_out.get());
+            eprintln!(
+                "{} lines were left out, since they were not read in time",
+                self.left_out.get()
+            );
         }
         if self.status
             && let Some(lines) = &self.lines

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
+#[cfg(target_os = "linux")]
 use isocat_engine::report::words;
 use isocat_engine::status::Status;
-#[cfg(target_os = "linux")]
 use isocat_esc::DriftLaw;
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_wire::Nanos;
@@ -65,7 +65,7 @@ pub struct Arguments {
 #[cfg(target_os = "linux")]
 #[derive(Args, Debug)]
 #[group(skip)]
-#[command(next_help_heading = "Another segment than a simulated one")]
+#[command(next_help_heading = "A segment that is not simulated")]
 struct Place {
     /// Run on this network interface
     #[arg(long, value_name = "IF", conflicts_with_all = ["seed", "speed"])]

@@ -344,10 +344,32 @@ impl Drawing<'_> {
             y,
         );
         self.event("inputs", Moment::InputLatch, "Input Latch", "input latch", y);
-        let pulse = self.acting().and_then(|pulse| self.middle(pulse));
-        if let Some(pulse) = pulse.filter(|_| self.device.input_shift > Nanos::ZERO) {
-            let words = format!("shift 1C33:03 {}", self.device.input_shift);
-            self.frame.distance("", (pulse.min(latch), latch), y - 21.0, &words, &words);
+        self.latch_start(latch, y);
+    }
+
+    /// Draws Start Input Latch, and the distances from the pulse and from there to Input Latch.
+    fn latch_start(&mut self, latch: f64, y: f64) {
+        let delay = self.device.input_latch_delay();
+        let words = delay.map(|delay| format!("delay 1C33:09 {delay}"));
+        if let Some((delay, words)) = delay.zip(words.as_ref()) {
+            let start = latch - delay.0 as f64;
+            let tip =
+                format!("Start Input Latch\n{words} before Input Latch, as the device states");
+            self.frame.mark("m inputs band", start, y - 4.0, BAR + 8.0, &tip);
+            self.frame.label("", start, y - 6.0, Align::End, "start input latch");
+        }
+        let by_timer = self.device.shifts_inputs();
+        let shift = by_timer.then(|| format!("shift 1C33:03 {}", self.device.input_shift));
+        let words: Vec<_> = shift.into_iter().chain(words).collect();
+        let pulse = match by_timer {
+            true => self.acting(),
+            false => Some(Moment::Sync1),
+        };
+        let pulse = pulse.and_then(|pulse| self.middle(pulse));
+        if let Some(pulse) = pulse.filter(|_| !words.is_empty()) {
+            let words = words.join(", ");
+            let tip = format!("{words}\nfrom the pulse to Input Latch {}", time(latch - pulse));
+            self.frame.distance("", (pulse.min(latch), latch), y - 21.0, &words, &tip);
         }
     }
 

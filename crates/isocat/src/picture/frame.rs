@@ -193,11 +193,11 @@ impl Frame {
         let (first, last) = (self.x(ends.0), self.x(ends.1));
         // Where the place is taken: behind it or before it.
         let [middle, behind, before] =
-            [(first + last - width) / 2.0, last + 3.0, first - width - 3.0];
+            [(first + last - width) / 2.0, last + 3.0, first - width - 6.0];
         let places = match align {
             Align::Start => [first, before, behind],
             Align::Middle => [middle, behind, before],
-            Align::End => [first - width, behind, before],
+            Align::End => [before, first - width, behind],
         };
         let within =
             |begin: f64| begin.clamp(self.left + 2.0, (WIDTH - RIGHT - width).max(self.left + 2.0));

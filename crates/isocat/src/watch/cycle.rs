@@ -94,7 +94,7 @@ fn counters(device: &Device) -> String {
 
 fn why_not(status: &Status) -> &'static str {
     match status.kind {
-        Kind::Served => "no plan is known: the MainDevice is somebody else's",
+        Kind::Served => "no plan is known: an external MainDevice operates the segment",
         _ if status.operation_ns.is_none() => "the cycle is planned on the way up",
         _ => "nothing in its cycle has a planned time",
     }

@@ -6,7 +6,7 @@
 
 use isocat_engine::status::{Device, Event, Status, servo_name};
 
-use super::words;
+use super::{Trend, words};
 
 /// Number of SubDevices with a line per second.
 pub const MOST: usize = 4;
@@ -19,12 +19,17 @@ fn line(at_ns: i64, what: &str) -> String {
     format!("isocat[{:.3}]: {what}\n", at_ns as f64 / 1e9)
 }
 
-/// The lines of a second.
-pub fn lines(status: &Status) -> String {
+/// The lines of a second; none before a status is known.
+pub fn lines(trend: &Trend) -> String {
+    let Some(status) = trend.status() else { return String::new() };
     let mut text = String::new();
     if status.in_operation() {
         for device in worst(status) {
             text += &line(status.at_ns, &device_words(device));
+        }
+    } else if !status.has_ended() {
+        for behind in trend.all_behind().iter().take(MOST) {
+            text += &line(status.at_ns, &format!("! {}", words::behind(status, behind)));
         }
     }
     text + &line(status.at_ns, &summary(status))

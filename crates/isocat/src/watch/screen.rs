@@ -82,7 +82,7 @@ fn draw_head(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
     let cycle = words::cycle(status.cycle_ns);
     let mut state = format!("cycle {cycle}  in operation {operation}  servo {servo}, {rate} [m]");
     if status.kind == isocat_engine::status::Kind::Served {
-        state = format!("cycle {cycle}  in operation {operation}  MainDevice: somebody else's");
+        state = format!("cycle {cycle}  in operation {operation}  MainDevice: external");
     }
     let counts = format!(
         "frames {} sent, {} lost  working counter errors {}  skipped {}  locks lost {} [m]",
@@ -103,12 +103,23 @@ fn draw_head(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
     last.push(Span::raw(sparkline(view.trend().phases(), room)));
     let lines = vec![
         Line::styled(format!("{left}{:gap$}{right}", ""), look.quiet()),
-        Line::styled(words::cut(&verdict.words, width), style),
+        Line::styled(words::cut(&headline(view, &verdict.words), width), style),
         Line::raw(words::cut(&state, width)),
         Line::raw(words::cut(&counts, width)),
         Line::from(last),
     ];
     frame.render_widget(Paragraph::new(lines), area);
+}
+
+/// The verdict, on the way up with the SubDevice that is behind the others for longest.
+fn headline(view: &View, verdict: &str) -> String {
+    let trend = view.trend();
+    let way_up = trend.status().filter(|status| !status.in_operation() && !status.has_ended());
+    let behind = way_up.and_then(|status| Some((status, trend.all_behind().into_iter().next()?)));
+    match behind {
+        Some((status, behind)) => format!("{verdict}; {}", words::behind(status, &behind)),
+        None => verdict.to_owned(),
+    }
 }
 
 /// The last values as bars from zero to the largest of them.
@@ -231,6 +242,7 @@ fn cells(device: &Device, view: &View, wide: bool) -> Vec<Cell<'static>> {
         _ => format!("+{risen}"),
     };
     let bad = |is: bool| if is { look.bad() } else { plain };
+    let behind = view.trend().behind(device);
     let mut cells = vec![
         Cell::from(device.position.to_string()),
         Cell::from(device.name.clone()),
@@ -242,26 +254,30 @@ fn cells(device: &Device, view: &View, wide: bool) -> Vec<Cell<'static>> {
         right(reference),
         right(counts).style(bad(risen > 0)),
     ];
+    let is_told = behind.is_some() || !device.alarms.is_empty();
+    let alarms = device.alarms.iter().map(|alarm| &**alarm);
     if wide {
         let least = words::maybe(margin.map(|margin| margin.least_ns));
         let count = error.map_or("-".to_owned(), |error| error.count.to_string());
         let rate = words::rate(view.trend().rate(device.position));
-        let alarms =
-            if device.alarms.is_empty() { "-".to_owned() } else { device.alarms.join(", ") };
+        let behind = behind.map(|behind| format!("behind for {}", words::span(behind.for_ns)));
+        let told: Vec<_> = behind.iter().map(String::as_str).chain(alarms).collect();
+        let told = if told.is_empty() { "-".to_owned() } else { told.join(", ") };
         cells.extend([
             right(least),
             right(count),
             right(counters(&device.outputs)),
             right(counters(&device.inputs)),
             right(rate),
-            Cell::from(alarms).style(bad(!device.alarms.is_empty())),
+            Cell::from(told).style(bad(is_told)),
         ]);
     } else {
-        let alarms = match device.alarms.len() {
-            0 => "-".to_owned(),
-            count => format!("{count} up"),
+        let told = match (behind, device.alarms.len()) {
+            (Some(behind), _) => words::span(behind.for_ns),
+            (None, 0) => "-".to_owned(),
+            (None, count) => format!("{count} up"),
         };
-        cells.push(Cell::from(alarms).style(bad(!device.alarms.is_empty())));
+        cells.push(Cell::from(told).style(bad(is_told)));
     }
     cells
 }
@@ -357,4 +373,5 @@ error   SYNC0 edges off the grid [t], or 0x092C [r] on a wire: now, worst
 margin  what is left before SYNC0 when outputs are ready: least of late
 ppm     its oscillator against the reference's, by 0x0930 and 0x0932
 counts  how much entries 0B 0C 0D 20 of 0x1C32 and 0x1C33 have risen
+alarm   alarms that are up, or how long it has been behind the others' state
 [t] true time  [r] register or object  [m] MainDevice";

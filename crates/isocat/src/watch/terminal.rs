@@ -133,7 +133,7 @@ pub fn print(
             let Some(status) = trend.status() else { return };
             text += &plain::events(status, &events);
             if ended || next.is_none_or(|next| at >= next) {
-                text += &plain::lines(status);
+                text += &plain::lines(&trend);
                 // Lines are on the grid of whole seconds, however late this one was.
                 next = Some((at / TICK_NS + 1) * TICK_NS);
             }

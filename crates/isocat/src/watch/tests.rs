@@ -431,10 +431,73 @@ fn the_reference_of_a_wire_is_not_waited_for() {
     assert_eq!(fed(&mut gate(), unmeasured(Kind::Simulated)), (100, None));
 }
 
+fn trend_of(statuses: impl IntoIterator<Item = Status>) -> Trend {
+    let mut trend = Trend::default();
+    statuses.into_iter().for_each(|status| drop(trend.take(status)));
+    trend
+}
+
+/// On the way up two SubDevices stay in SAFEOP while the others are in OP: each counts from the
+/// instant of its last change, and only from a second on.
+#[test]
+fn subdevices_behind_the_others_are_marked() {
+    let status = |at_ns: i64| {
+        let mut status = segment(at_ns);
+        status.stage = Stage::Up(isocat_maindevice::Stage::Op);
+        status.devices[3].alarms.clear();
+        if at_ns >= 10_000_000_001 {
+            status.devices[1].al_state = Some(AlState::SafeOp);
+        }
+        status
+    };
+    let until = |last: i64| trend_of([9_000_000_000, 10_000_000_001, last].map(status));
+    let positions = |trend: Trend| -> Vec<_> {
+        trend.all_behind().into_iter().map(|behind| (behind.position, behind.for_ns)).collect()
+    };
+    assert_eq!(positions(until(11_000_000_000)), [(3, 2_000_000_000)]);
+    assert_eq!(positions(until(11_000_000_001)), [(3, 2_000_000_001), (1, 1_000_000_000)]);
+    // What may be absent is not waited for, and where all are in one state none is behind.
+    let absent = |at: i64| {
+        let mut status = status(at);
+        status.devices[3].asked = false;
+        status
+    };
+    assert_eq!(positions(trend_of([9_000_000_000, 11_000_000_000].map(absent))), []);
+    let equal = |at: i64| {
+        let mut status = status(at);
+        status.devices.iter_mut().for_each(|device| device.al_state = Some(AlState::SafeOp));
+        status
+    };
+    assert_eq!(positions(trend_of([9_000_000_000, 11_000_000_001].map(equal))), []);
+
+    let text = plain::lines(&until(18_700_000_000));
+    let expected = "\
+isocat[18.700]: ! SubDevice 3 (axis 3) in SAFEOP+ERR (0x001A) for 9 s, others in OP
+isocat[18.700]: ! SubDevice 1 (axis 1) in SAFEOP for 8 s, others in OP
+isocat[18.700]: On the way up: OP
+";
+    assert_eq!(text, expected);
+    let mut view = View::new("simulated x1".to_owned(), false);
+    for at in [9_000_000_000, 10_000_000_001, 18_700_000_000] {
+        view.take(status(at));
+    }
+    is_golden("way_up_80x24", &drawn(&view, 80, 24));
+    is_golden("way_up_200x50", &drawn(&view, 200, 50));
+    for (ns, words) in [
+        (1_000_000_000, "1 s"),
+        (99_999_999_999, "99 s"),
+        (100_000_000_000, "1 m"),
+        (5_999_999_999_999, "99 m"),
+        (6_000_000_000_000, "1 h"),
+    ] {
+        assert_eq!(super::words::span(ns), words);
+    }
+}
+
 #[test]
 fn lines_name_the_worst_first() {
     let status = segment(12_000_000_000);
-    let text = plain::lines(&status);
+    let text = plain::lines(&trend_of([status.clone()]));
     let expected = "\
 isocat[12.000]: 3 axis 3  error 1234 ns worst 1239 ns  margin 435.2 us  freq -9.97 ppm  SAFEOP+ERR 0x001A  counters +7  ! counter rises
 isocat[12.000]: 1 axis 1  error  -34 ns worst 39 ns  margin 437.2 us  freq +30.03 ppm  OP
@@ -445,7 +508,7 @@ isocat[12.000]: Not in sync: SubDevice 3 (axis 3) is in SAFEOP+ERR, AL status co
     assert_eq!(text, expected);
     let mut begun = Status::new("x.toml".into(), Kind::Wire, 0, 200);
     begun.stage = Stage::Up(isocat_maindevice::Stage::Sii);
-    assert_eq!(plain::lines(&begun), "isocat[0.000]: On the way up: SII\n");
+    assert_eq!(plain::lines(&trend_of([begun])), "isocat[0.000]: On the way up: SII\n");
     let events: Vec<Event> = (0..22).map(|at| event(at, Some(9), true, "gone")).collect();
     let text = plain::events(&status, &events);
     assert_eq!(text.lines().count(), plain::MOST_EVENTS + 1);

@@ -1,7 +1,9 @@
 //! Figures as text for people.
 
-use isocat_engine::status::{Event, Status};
+use isocat_engine::status::{Event, Status, place};
 use isocat_wire::Nanos;
+
+use super::trend::Behind;
 
 /// The SubDevice that an event concerns, such as `2 axis 3: `; empty for the segment.
 pub fn of(status: &Status, event: &Event) -> String {
@@ -9,6 +11,30 @@ pub fn of(status: &Status, event: &Event) -> String {
     match status.devices.get(position).map(|device| &device.name).filter(|name| !name.is_empty()) {
         Some(name) => format!("{position} {name}: "),
         None => format!("SubDevice {position}: "),
+    }
+}
+
+/// A SubDevice that is behind, such as `SubDevice 2 (axis 2) in SAFEOP for 8 s, others in OP`.
+pub fn behind(status: &Status, behind: &Behind) -> String {
+    let device = status.devices.iter().find(|device| device.position == behind.position);
+    let (which, state) = device.map_or_else(
+        || (format!("SubDevice {}", behind.position), String::new()),
+        |device| (place(device), device.state()),
+    );
+    let code = device.map(|device| device.al_code).filter(|code| *code > 0);
+    let code = code.map_or(String::new(), |code| format!(" (0x{code:04X})"));
+    let (span, others) = (span(behind.for_ns), behind.others.name());
+    format!("{which} in {state}{code} for {span}, others in {others}")
+}
+
+/// A span of at least a second, such as `8 s`, `12 m` or `3 h`: at most four characters, up to
+/// 99 hours.
+pub fn span(ns: i64) -> String {
+    let seconds = ns / 1_000_000_000;
+    match seconds {
+        0..100 => format!("{seconds} s"),
+        100..6_000 => format!("{} m", seconds / 60),
+        _ => format!("{} h", seconds / 3_600),
     }
 }
 

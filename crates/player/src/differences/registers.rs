@@ -262,7 +262,7 @@ fn groups() -> Vec<Group> {
             register::CYCLIC_UNIT_CONTROL.address,
             2,
             "AssignActivate",
-            "the device is synchronized by other pulses, or by none; bits of the first byte say who has the latch units",
+            "the device is synchronized by other pulses, or by none; bits of the first byte say whether EtherCAT or the device has the latch units",
         ),
         group(
             Kind::Sync0Cycle,

@@ -214,7 +214,7 @@ fn unreadable(draft: &Draft<'_>) -> Result<(), FileError> {
         Some(_) => ("CoE", "\"CoE\" in mailbox.protocols"),
     };
     let message = format!(
-        "object 0x{:04X} is given, but nobody can read it without {without}; expected {expected}, or no objects",
+        "object 0x{:04X} is given, but it cannot be read without {without}; expected {expected}, or no objects",
         object.index
     );
     Err(draft.source.error(object.at, message))

@@ -23,7 +23,7 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
                 entry.written = format!("{types:#06x}");
                 (entry.written.clone(), why)
             } else {
-                (super::rows::UNKNOWN.to_owned(), "nobody has published it; it reads 0")
+                (super::rows::UNKNOWN.to_owned(), "its value is not published; it reads 0")
             };
             let item = Placed { at: entry.at, value: Item::Key(what, value) };
             draft.assumed.push(Assumed { item, why: why.to_owned() });

@@ -156,7 +156,7 @@ pub static CODES: [(u32, Entry); 36] = [
                 "0x1C32 or 0x1C33 of a device without synchronization",
                 "index with bytes exchanged",
             ],
-            &["the list of objects by SDO information", "0x1018: who it is"],
+            &["the list of objects by SDO information", "0x1018: its identity"],
             &["use the description of this revision"],
         ),
     ),
@@ -334,7 +334,7 @@ pub static CODES: [(u32, Entry); 36] = [
     (
         0x0800_0021,
         entry(
-            "The value can't be taken over because somebody at the device has the control.",
+            "The value can't be taken over because the device is controlled locally.",
             &["a local panel or a service tool is in charge"],
             &["the device's display"],
             &["give the control back to the bus"],

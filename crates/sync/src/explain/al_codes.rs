@@ -27,7 +27,7 @@ pub static VENDOR: Entry = entry(
     ],
     &[
         "the maker's manual, chapter on AL status codes or on EtherCAT errors",
-        "0x1018:01: who the maker is",
+        "0x1018:01: the vendor",
         "0x10F3 (diagnosis history), 0x603F (error code) and 0x1001 where they are there",
         "0x1C32:0B, :0C, :20 and 0x1C33: whether it happened together with a lost synchronization",
     ],
@@ -451,7 +451,7 @@ pub static CODES: [(u16, Entry); 63] = [
         entry(
             "SYNC0 or SYNC1 was there and is no longer seen.",
             &[
-                "somebody wrote 0x0981, or the SYNC cycle, in operation",
+                "0x0981 or the SYNC cycle was written in operation",
                 "the offset 0x0920 was written: the next pulse lies far away",
                 "the ESC was reset or lost its supply",
                 "SYNC is not mapped to the processor (0x0151), or its interrupt is blocked",

@@ -252,7 +252,7 @@ pub(crate) static REGISTERS: [RegisterEntry; 30] = [
          time, 32-bit start, check of the start time, near future, test pulse. The high byte of \
          AssignActivate.",
         &[
-            "0 in OP of a DC device: nobody programmed it, or somebody cleared it",
+            "0 in OP of a DC device: it was never programmed, or it was cleared",
             "on from the last run: a new start time is not taken before it is 0",
         ],
         &["0x0984, 0x0990", "0x1C32:01: must agree"],
@@ -344,7 +344,7 @@ pub(crate) static REGISTERS: [RegisterEntry; 30] = [
         "0x09A8 latch 0, 0x09A9 latch 1: bit 0 positive edge, bit 1 negative edge; 0 continuous, \
          1 single event.",
         &[],
-        &["0x09AE, 0x09AF", "0x0980 bits 4, 5: who owns the unit"],
+        &["0x09AE, 0x09AF", "0x0980 bits 4, 5: whether EtherCAT or the PDI owns the unit"],
         &["as the application needs it"],
     ),
     register(

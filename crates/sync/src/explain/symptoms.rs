@@ -331,7 +331,7 @@ pub static SYMPTOMS: [Symptom; 12] = [
             "A request by mailbox (SDO, FoE, EoE) is not answered in time.",
             &[
                 "the state has no mailbox: it begins with PREOP",
-                "the mailbox still holds an older answer that nobody fetched",
+                "the mailbox still holds an older answer that was not fetched",
                 "the counter of the mailbox header repeats, so the device takes the request for an old one",
                 "the device is busy, as while it saves parameters: some need seconds",
             ],

@@ -15,7 +15,7 @@ pub fn lateness(text: &str) -> Result<Nanos, String> {
 
 /// `1000:300us`: one call in a thousand, up to 300 us.
 pub fn preemption(text: &str) -> Result<(u64, Nanos), String> {
-    let expected = "expected one of so many calls and the longest time, as 1000:300us";
+    let expected = "expected a number of calls and the longest time, such as 1000:300us";
     let (one_of, time) = text.split_once(':').ok_or(expected)?;
     let one_of = one_of.parse().ok().filter(|one_of| *one_of > 0).ok_or(expected)?;
     let time = duration(time).map_err(|_| expected)?;

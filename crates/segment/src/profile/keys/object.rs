@@ -205,7 +205,7 @@ const VALUE: Kind =
     Kind::Either(&[Kind::Integer { least: i64::MIN, most: i64::MAX }, Kind::Text(VALUE_WORDS)]);
 
 const VALUE_WORDS: &str = "a text; for UNSIGNED32 a time with its unit; bytes of the wire such as \"hex:0A FF\"; \
-    or \"unknown\" for a number that nobody has published";
+    or \"unknown\" for a number that is not published";
 
 /// The object codes.
 pub(in super::super) static CODES: [Word<ObjectCode>; 3] = [

@@ -88,7 +88,7 @@ const fn area(of: &Direction) -> [Key; 9] {
             kind: ACCESS,
             need: Need::Sometimes(
                 "beside [mailbox]",
-                "who may write the PDO assignment, such as \"ro\"",
+                "the states in which the PDO assignment can be written, such as \"ro\"",
             ),
             means: "Who may write the PDO assignment: \"ro\" is a fixed one. Needed beside \
                     [mailbox], refused without.",

@@ -109,7 +109,7 @@ fn what_a_device_without_mailbox_cannot_have() {
         ),
         (
             SIMPLE.to_owned() + object,
-            "19:1 object 0x1000 is given, but nobody can read it without a mailbox; expected a \
+            "19:1 object 0x1000 is given, but it cannot be read without a mailbox; expected a \
              table [mailbox], or no objects",
         ),
         (

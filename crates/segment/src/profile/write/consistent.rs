@@ -142,7 +142,7 @@ fn objects(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
         }
     }
     closed.dedup();
-    note(notes, &closed, "entries that nobody may read or write; they are read only now");
+    note(notes, &closed, "entries without access to read or write; they are read-only now");
 }
 
 /// Adds mapped entries to the dictionary, with this type and the right to be mapped.

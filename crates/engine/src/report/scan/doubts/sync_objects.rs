@@ -37,7 +37,7 @@ impl Doubts {
         if complete && !both[0].2 && !both[1].2 && !device.sii.sync_managers.is_empty() {
             self.asks(
                 NoteKind::NothingAssigned,
-                "nothing is assigned in 0x1C12 and 0x1C13: whoever brings it up must assign PDOs"
+                "nothing is assigned in 0x1C12 and 0x1C13: the MainDevice must assign PDOs"
                     .to_owned(),
             );
         }

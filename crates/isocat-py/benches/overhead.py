@@ -1,16 +1,17 @@
-"""What Python costs: the same runs by `isocat.sweep` and by the command's own sweep in Rust, on one
-thread, in turns.
+"""What Python costs: the same runs by a program in Rust, and from Python, in turns.
 
-    python benches/overhead.py [ROUNDS] [RUNS]
+    cargo build --release -p isocat-engine --example many_runs
+    python benches/overhead.py target/release/examples/many_runs [ROUNDS] [RUNS]
 
-Both are of the same module, so the code that runs is the same. Processor time is compared, as other
-programs do not count in it; the start of each process is measured by a sweep of one run and taken
-off.
+Processor time is compared, as other programs do not count in it. The start of each process is
+measured by one run and taken off. Each round gives a ratio to the Rust of the same round, so that a
+processor that gets slower, or faster, is so for all of them.
 """
 
 from __future__ import annotations
 
 import resource
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -18,7 +19,7 @@ from pathlib import Path
 
 import isocat
 
-PYTHON = """
+SWEEP = """
 import sys, isocat
 isocat.sweep(sys.argv[1], seeds=int(sys.argv[2]), workers=1, progress=False).table
 """
@@ -42,34 +43,37 @@ def cpu(command: list[str]) -> float:
 
 
 def main() -> None:
-    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 5
-    runs = int(sys.argv[2]) if len(sys.argv) > 2 else 200
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
+    program = sys.argv[1]
+    rounds = int(sys.argv[2]) if len(sys.argv) > 2 else 15
+    runs = int(sys.argv[3]) if len(sys.argv) > 3 else 200
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "segment.toml")
         isocat.Segment(isocat.Segment.built_in(), for_="100ms").save(path)
         ways = {
-            "the command's sweep (Rust)": lambda n: [
-                sys.executable,
-                "-m",
-                "isocat",
-                "sweep",
-                path,
-                "--jobs",
-                "1",
-                "--seeds",
-                str(n),
+            "the library in Rust, a loop": [program, path],
+            "segment.run, a loop": [sys.executable, "-c", LOOP, path],
+            "the wheel's command, sweep": [
+                *(sys.executable, "-m", "isocat", "sweep", path, "--jobs", "1", "--seeds"),
             ],
-            "isocat.sweep": lambda n: [sys.executable, "-c", PYTHON, path, str(n)],
-            "segment.run in a loop": lambda n: [sys.executable, "-c", LOOP, path, str(n)],
+            "isocat.sweep": [sys.executable, "-c", SWEEP, path],
         }
-        times = {name: 0.0 for name in ways}
-        for _ in range(rounds):
-            for name, command in ways.items():
-                times[name] += cpu(command(runs + 1)) - cpu(command(1))
-    rust = next(iter(times.values()))
+        times: dict[str, list[float]] = {name: [] for name in ways}
+        for number in range(rounds):
+            # Every second round goes the other way, so that none is always the first.
+            order = list(ways.items())[:: -1 if number % 2 else 1]
+            for name, command in order:
+                times[name].append(cpu([*command, str(runs + 1)]) - cpu([*command, "1"]))
+    rust = times[next(iter(ways))]
+    print(f"{runs} runs of 100 ms, {rounds} rounds; ratios: middle (least to largest)")
     for name, seconds in times.items():
-        each = 1000 * seconds / rounds / runs
-        print(f"{name:<28} {each:7.3f} ms of processor time for a run, ratio {seconds / rust:.3f}")
+        each = 1000 * min(seconds) / runs
+        ratios = [one / other for one, other in zip(seconds, rust)]
+        print(
+            f"{name:<28} {each:7.3f} ms of processor time at least, "
+            f"ratio {statistics.median(ratios):.3f} ({min(ratios):.3f} to {max(ratios):.3f})"
+        )
 
 
 if __name__ == "__main__":

@@ -135,5 +135,6 @@ def test_what_a_worker_raises_comes_out(cluster: Any, small: isocat.Segment) -> 
     spec = isocat._sweep.Sweep(small, {}, 1, 3, False)
     with pytest.raises(isocat.InputError, match="which the driver has"):
         _ray._batch(spec, 0, 1, "0.0.0")
-    with pytest.raises(isocat.InputError, match="1 or more"):
-        isocat.ray(batch=0)
+    for bad in ({"batch": 0}, {"batch": "many"}, {"retries": -1}, {"num_cpus": 0}):
+        with pytest.raises(isocat.InputError, match="expected a"):
+            isocat.ray(**bad)  # type: ignore[arg-type]

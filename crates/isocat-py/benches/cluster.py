@@ -34,7 +34,7 @@ def main() -> None:
     if "RAY_ADDRESS" in os.environ:
         ray.init(log_to_driver=False)
     else:
-        ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+        ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False)
     print(f"{len(ray.nodes())} nodes, {ray.cluster_resources()['CPU']:.0f} processors")
     executor = isocat.ray(batch=runs // 20)
     # Workers start, and import isocat, before the clock runs.

@@ -51,29 +51,29 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "segment.toml")
         isocat.Segment(isocat.Segment.built_in(), for_="100ms").save(path)
-        ways = {
-            "the library in Rust, a loop": [program, path],
-            "segment.run, a loop": [sys.executable, "-c", LOOP, path],
-            "the wheel's command, sweep": [
-                *(sys.executable, "-m", "isocat", "sweep", path, "--jobs", "1", "--seeds"),
-            ],
-            "isocat.sweep": [sys.executable, "-c", SWEEP, path],
+        pairs = {
+            "a run in a loop": ([program, path, "loop"], [sys.executable, "-c", LOOP, path]),
+            "a run of a sweep": ([program, path, "sweep"], [sys.executable, "-c", SWEEP, path]),
         }
-        times: dict[str, list[float]] = {name: [] for name in ways}
-        for number in range(rounds):
-            # Every second round goes the other way, so that none is always the first.
-            order = list(ways.items())[:: -1 if number % 2 else 1]
-            for name, command in order:
-                times[name].append(cpu([*command, str(runs + 1)]) - cpu([*command, "1"]))
-    rust = times[next(iter(ways))]
-    print(f"{runs} runs of 100 ms, {rounds} rounds; ratios: middle (least to largest)")
-    for name, seconds in times.items():
-        each = 1000 * min(seconds) / runs
-        ratios = [one / other for one, other in zip(seconds, rust)]
-        print(
-            f"{name:<28} {each:7.3f} ms of processor time at least, "
-            f"ratio {statistics.median(ratios):.3f} ({min(ratios):.3f} to {max(ratios):.3f})"
-        )
+        print(f"{runs} runs of 100 ms, {rounds} rounds; processor time of a run")
+        for name, commands in pairs.items():
+            times: list[list[float]] = []
+            for number in range(rounds):
+                # Every second round goes the other way, so that none is always the first.
+                order = (0, 1) if number % 2 else (1, 0)
+                spent = {
+                    way: cpu([*commands[way], str(runs + 1)]) - cpu([*commands[way], "1"])
+                    for way in order
+                }
+                times.append([spent[0], spent[1]])
+            rust, python = (1000 * min(column) / runs for column in zip(*times))
+            ratios = [python / rust for rust, python in times]
+            print(
+                f"{name:<18} Rust {rust:.2f} ms at least, Python {python:.2f} ms at least; "
+                f"ratio {statistics.median(ratios):.3f} in the middle "
+                f"({min(ratios):.3f} to {max(ratios):.3f})",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -26,6 +26,8 @@ def cluster() -> Any:
     # Workers import isocat from where this process has it.
     paths = os.pathsep.join(path for path in sys.path if path)
     ray.init(
+        # Not one that happens to run on this machine.
+        address="local",
         num_cpus=2,
         include_dashboard=False,
         log_to_driver=False,

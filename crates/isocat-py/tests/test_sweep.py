@@ -239,7 +239,8 @@ executor=isocat._sweep.Threads(batch=100))
             timeout=300,
         )
         names = os.listdir(tiny / "rows")
-        assert done.returncode == 1 and "No space left on device" in done.stderr
+        assert done.returncode == 1 and "No space left on device: " in done.stderr
+        assert f"{tiny}/rows/part-" in done.stderr
         assert names and not any(name.endswith(".part") for name in names)
     finally:
         subprocess.run(["umount", str(tiny)], check=True)

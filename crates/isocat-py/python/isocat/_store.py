@@ -199,9 +199,11 @@ class _Folder(_Files):
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(part, path)
-        except BaseException:
+        except BaseException as error:
             if os.path.exists(part):
                 os.remove(part)
+            if isinstance(error, OSError) and error.filename is None:
+                error.filename = path
             raise
 
     def source(self, name: str) -> Any:

@@ -510,8 +510,13 @@ class Frontier:
         """Shares as a ``pandas.DataFrame``: a row for each value of ``y``, a column for each of
         ``x``.
         """
-        import pandas
-
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError(
+                "to_pandas() needs pandas, which is not installed: pip install pandas. "
+                "Without it: share(x, y), or holds"
+            ) from error
         shares = [[self.share(x, y) for x in self.x_values] for y in self.y_values]
         frame = pandas.DataFrame(shares, index=self.y_values, columns=self.x_values)
         return frame.rename_axis(index=self.y, columns=self.x)

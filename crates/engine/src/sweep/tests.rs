@@ -106,7 +106,7 @@ fn keys_that_lead_nowhere_are_refused() {
     let text =
         SEGMENT.replace("device = \"simple_io16\"", "device = \"simple_io16\"\nname = \"io\"");
     let error = Sweep::new("sweep.toml", &text).unwrap().vary("io.cable=1m").unwrap_err();
-    assert_eq!(error, "io.cable: io is a device; expected subdevice[1].cable");
+    assert_eq!(error, "io is a device; expected subdevice[1].cable");
 }
 
 /// Rows are the same on one thread and on three, in the same order. A run that the plan refuses has

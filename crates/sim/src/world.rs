@@ -128,6 +128,7 @@ pub trait Tap {
     fn served_cycle(&mut self, _at: Time<True>, _cycle: Option<ServedCycle>, _segment: &Segment) {}
 }
 
+/// Passes every call on: a method of the trait that is missing here would never reach the tap.
 impl<T: Tap + ?Sized> Tap for &mut T {
     fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]) {
         (**self).frame(at, sent, bytes);

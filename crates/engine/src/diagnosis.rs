@@ -20,10 +20,10 @@ use isocat_wire::time::{Nanos, Picos};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::Report;
 use crate::recording::cycle::{CycleSeen, acting};
 use crate::recording::series::Series;
 use crate::recording::{Recorded, RecordedDevice, Recording};
+use crate::{Report, watched};
 
 /// A fault of one SubDevice or of the segment.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
@@ -54,10 +54,13 @@ pub fn record(
     scenario: &Scenario,
     progress: &mut dyn FnMut(isocat_sim::run::Progress),
 ) -> (Recorded, Segment) {
-    let outcome = scenario.run().execute(Some(Recording::of(scenario)), progress);
+    let mut recording = Recording::of(scenario);
+    let outcome = watched(scenario.run(), &mut recording, progress);
     let segment = outcome.world.main().segment().clone();
-    (outcome.world.into_tap().expect("it was given one").finish(), segment)
+    drop(outcome);
+    (recording.finish(), segment)
 }
+
 /// All faults; empty for a segment in sync. `limit` is the largest SYNC0 error that the judges
 /// allowed.
 pub fn diagnose(

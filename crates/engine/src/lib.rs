@@ -32,7 +32,7 @@ pub mod verdict;
 
 use isocat_segment::Scenario;
 use isocat_sim::run::Progress;
-use isocat_sim::{Outcome, Run};
+use isocat_sim::{Outcome, Run, Tap};
 pub use report::Report;
 pub use scan::Scan;
 
@@ -48,11 +48,20 @@ pub fn unwatched(run: Run, progress: &mut dyn FnMut(Progress)) -> Outcome<NoTap>
     run.execute(None, progress)
 }
 
+/// Does a run with a tap of any type. It is compiled once for all of them: a run has a lot of code.
+pub fn watched<'tap>(
+    run: Run,
+    tap: &'tap mut dyn Tap,
+    progress: &mut dyn FnMut(Progress),
+) -> Outcome<&'tap mut dyn Tap> {
+    run.execute(Some(tap), progress)
+}
+
 /// The tap type of a run without a tap. No value of it exists, so its calls cost nothing.
 #[derive(Debug)]
 pub enum NoTap {}
 
-impl isocat_sim::Tap for NoTap {
+impl Tap for NoTap {
     fn frame(&mut self, _: isocat_wire::Time<isocat_wire::time::True>, _: bool, _: &[u8]) {
         match *self {}
     }

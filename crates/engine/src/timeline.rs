@@ -10,7 +10,7 @@ pub use isocat_sync::Moment;
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
-use crate::{Report, moment};
+use crate::{Report, moment, watched};
 
 /// Cycles of one SubDevice in operation.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -26,7 +26,8 @@ pub fn record(scenario: &Scenario, device: usize, after: Nanos, cycles: u32) -> 
     let mut recorded = None;
     let run = scenario.run();
     let tap = Shared(std::rc::Rc::new(std::cell::RefCell::new(recorder)));
-    let outcome = run.execute(Some(tap.clone()), &mut |_| {});
+    let mut theirs = tap.clone();
+    let outcome = watched(run, &mut theirs, &mut |_| {});
     let report = Report::new(scenario, &outcome);
     recorded.replace(std::mem::take(&mut tap.0.borrow_mut().timeline));
     (recorded.unwrap_or_default(), report)

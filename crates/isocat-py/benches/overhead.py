@@ -1,16 +1,17 @@
-"""What Python costs: the same runs by `isocat.sweep` and by the command's own sweep in Rust, on one
-thread, in turns.
+"""What Python costs: the same runs by a program in Rust, and from Python, in turns.
 
-    python benches/overhead.py [ROUNDS] [RUNS]
+    cargo build --release -p isocat-engine --example many_runs
+    python benches/overhead.py target/release/examples/many_runs [ROUNDS] [RUNS]
 
-Both are of the same module, so the code that runs is the same. Processor time is compared, as other
-programs do not count in it; the start of each process is measured by a sweep of one run and taken
-off.
+Processor time is compared, as other programs do not count in it. The start of each process is
+measured by one run and taken off. Each round gives a ratio to the Rust of the same round, so that a
+processor that gets slower, or faster, is so for all of them.
 """
 
 from __future__ import annotations
 
 import resource
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -18,7 +19,7 @@ from pathlib import Path
 
 import isocat
 
-PYTHON = """
+SWEEP = """
 import sys, isocat
 isocat.sweep(sys.argv[1], seeds=int(sys.argv[2]), workers=1, progress=False).table
 """
@@ -42,34 +43,37 @@ def cpu(command: list[str]) -> float:
 
 
 def main() -> None:
-    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 5
-    runs = int(sys.argv[2]) if len(sys.argv) > 2 else 200
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
+    program = sys.argv[1]
+    rounds = int(sys.argv[2]) if len(sys.argv) > 2 else 15
+    runs = int(sys.argv[3]) if len(sys.argv) > 3 else 200
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "segment.toml")
         isocat.Segment(isocat.Segment.built_in(), for_="100ms").save(path)
-        ways = {
-            "the command's sweep (Rust)": lambda n: [
-                sys.executable,
-                "-m",
-                "isocat",
-                "sweep",
-                path,
-                "--jobs",
-                "1",
-                "--seeds",
-                str(n),
-            ],
-            "isocat.sweep": lambda n: [sys.executable, "-c", PYTHON, path, str(n)],
-            "segment.run in a loop": lambda n: [sys.executable, "-c", LOOP, path, str(n)],
+        pairs = {
+            "a run in a loop": ([program, path, "loop"], [sys.executable, "-c", LOOP, path]),
+            "a run of a sweep": ([program, path, "sweep"], [sys.executable, "-c", SWEEP, path]),
         }
-        times = {name: 0.0 for name in ways}
-        for _ in range(rounds):
-            for name, command in ways.items():
-                times[name] += cpu(command(runs + 1)) - cpu(command(1))
-    rust = next(iter(times.values()))
-    for name, seconds in times.items():
-        each = 1000 * seconds / rounds / runs
-        print(f"{name:<28} {each:7.3f} ms of processor time for a run, ratio {seconds / rust:.3f}")
+        print(f"{runs} runs of 100 ms, {rounds} rounds; processor time of a run")
+        for name, commands in pairs.items():
+            times: list[list[float]] = []
+            for number in range(rounds):
+                # Every second round goes the other way, so that none is always the first.
+                order = (0, 1) if number % 2 else (1, 0)
+                spent = {
+                    way: cpu([*commands[way], str(runs + 1)]) - cpu([*commands[way], "1"])
+                    for way in order
+                }
+                times.append([spent[0], spent[1]])
+            rust, python = (1000 * min(column) / runs for column in zip(*times))
+            ratios = [python / rust for rust, python in times]
+            print(
+                f"{name:<18} Rust {rust:.2f} ms at least, Python {python:.2f} ms at least; "
+                f"ratio {statistics.median(ratios):.3f} in the middle "
+                f"({min(ratios):.3f} to {max(ratios):.3f})",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

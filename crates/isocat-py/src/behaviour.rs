@@ -137,6 +137,15 @@ impl Behaviour {
     }
 }
 
+/// The bytes that a method returned.
+fn bytes_of(method: &str, given: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
+    given.extract().map_err(|_| {
+        let found =
+            given.get_type().name().map_or_else(|_| "?".to_owned(), |name| name.to_string());
+        Failure::argument(method, found, "bytes, or None").raise(given.py())
+    })
+}
+
 fn abort(py: Python<'_>, error: &PyErr) -> Option<AbortCode> {
     let class = py.import("isocat._errors").ok()?.getattr("Abort").ok()?;
     error.matches(py, class).ok()?.then_some(())?;
@@ -170,7 +179,7 @@ impl Application for Behaviour {
                 if given.is_none() {
                     return Ok(None);
                 }
-                let bytes: Vec<u8> = given.extract()?;
+                let bytes = bytes_of("map_inputs", given)?;
                 if bytes.len() > before.len() {
                     let found = format!("{} bytes", bytes.len());
                     let expected = format!("{} bytes at most, or None", before.len());
@@ -205,7 +214,7 @@ impl Application for Behaviour {
                 if given.is_none() {
                     return Ok(None);
                 }
-                let bytes: Vec<u8> = given.extract()?;
+                let bytes = bytes_of("read_object", given)?;
                 if bytes.len() > capacity {
                     let found = format!("{} bytes", bytes.len());
                     let expected = format!("{capacity} bytes at most, or None");

@@ -164,7 +164,10 @@ impl Bus {
         let bytes: Vec<u8> = match frame.cast::<PyBytes>() {
             Ok(bytes) => bytes.as_bytes().to_vec(),
             Err(_) => frame.extract().map_err(|_| {
-                let found = frame.get_type().to_string();
+                let found = frame
+                    .get_type()
+                    .name()
+                    .map_or_else(|_| "?".to_owned(), |name| name.to_string());
                 Failure::argument("frame", found, "bytes").raise(py)
             })?,
         };

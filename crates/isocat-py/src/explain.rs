@@ -71,9 +71,9 @@ pub fn explain(what: &Bound<'_, PyAny>) -> PyResult<Explanation> {
             number.map_err(|_| Failure::argument("what", what.to_string(), expected).raise(py))?;
         if number > 0xFFFF { format!("0x{number:08X}") } else { format!("0x{number:04X}") }
     } else {
-        let found = || format!("{} ({})", what, what.get_type());
+        let found = format!("{} ({})", what.repr()?, what.get_type().name()?);
         what.extract::<String>()
-            .map_err(|_| Failure::argument("what", found(), expected).raise(py))?
+            .map_err(|_| Failure::argument("what", found, expected).raise(py))?
     };
     let meanings = look_up(&asked).map_err(|unknown| {
         let message = format!("\"{}\": {}", unknown.what, unknown.reason);

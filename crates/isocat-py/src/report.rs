@@ -33,9 +33,13 @@ pub struct Report {
     report: isocat::Report,
 }
 
-/// Runs a scenario; ends the thread if `stop` is set.
-fn execute<T: Tap>(scenario: &Scenario, tap: T, stop: &Stop) -> Outcome<T> {
-    scenario.run().execute(Some(tap), &mut |_| stop.leave_if_set())
+/// Runs a scenario with a tap; ends the thread if `stop` is set.
+fn execute<'tap>(
+    scenario: &Scenario,
+    tap: &'tap mut dyn Tap,
+    stop: &Stop,
+) -> Outcome<&'tap mut dyn Tap> {
+    isocat_engine::watched(scenario.run(), tap, &mut |_| stop.leave_if_set())
 }
 
 impl Report {
@@ -54,9 +58,9 @@ impl Report {
     ) -> PyResult<io::Result<R>> {
         let scenario = self.scenario.clone();
         interruptible(py, move |stop| {
-            let outcome = execute(&scenario, tap(&scenario)?, stop);
-            // The run was given a tap.
-            end(outcome.world.into_tap().expect("it was given a tap"))
+            let mut tap = tap(&scenario)?;
+            execute(&scenario, &mut tap, stop);
+            end(tap)
         })
     }
 
@@ -71,8 +75,9 @@ impl Report {
         let (scenario, to) = (self.scenario.clone(), path.to_owned());
         let written = interruptible(py, move |stop| {
             output::whole(&to, |file| {
-                let outcome = execute(&scenario, tap(&scenario, BufWriter::new(file))?, stop);
-                end(outcome.world.into_tap().expect("it was given a tap"))
+                let mut tap = tap(&scenario, BufWriter::new(file))?;
+                execute(&scenario, &mut tap, stop);
+                end(tap)
             })
         })?;
         written.map_err(|error| output::raise(&error, path))
@@ -82,11 +87,12 @@ impl Report {
         let scenario = self.scenario.clone();
         interruptible(py, move |stop| {
             let spans = html::run::spans(scenario.devices.len());
-            let recording = Recording::new(scenario.duration, scenario.sync0_limit, spans);
-            let outcome = execute(&scenario, recording, stop);
+            let mut recording = Recording::new(scenario.duration, scenario.sync0_limit, spans);
+            let outcome = execute(&scenario, &mut recording, stop);
             let report = isocat::Report::new(&scenario, &outcome);
             let segment = outcome.world.main().segment().clone();
-            let recorded = outcome.world.into_tap().expect("it was given a tap").finish();
+            drop(outcome);
+            let recorded = recording.finish();
             let (limit, command) = (scenario.sync0_limit, command(&scenario));
             html::run::Run {
                 report: &report,

@@ -149,9 +149,10 @@ impl Segment {
     fn scenario(
         &self,
         duration: Option<&Bound<'_, PyAny>>,
-        seed: Option<u64>,
+        seed: Option<&Bound<'_, PyAny>>,
         py: Python<'_>,
     ) -> PyResult<Scenario> {
+        let seed = seed.map(|seed| value::unsigned("seed", seed)).transpose()?;
         let duration =
             duration.map(|for_| time_within("for_", for_, Nanos(1), LONGEST)).transpose()?;
         let described = self.described();
@@ -424,7 +425,7 @@ impl Segment {
         &self,
         py: Python<'_>,
         for_: Option<&Bound<'_, PyAny>>,
-        seed: Option<u64>,
+        seed: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Plan> {
         let scenario = self.scenario(for_, seed, py)?;
         Plan::make(py, scenario, false, true)
@@ -460,7 +461,7 @@ impl Segment {
         &self,
         py: Python<'_>,
         for_: Option<&Bound<'_, PyAny>>,
-        seed: Option<u64>,
+        seed: Option<&Bound<'_, PyAny>>,
         force: bool,
         tolerate: bool,
     ) -> PyResult<Report> {
@@ -487,10 +488,11 @@ impl Segment {
     fn bus(
         &self,
         py: Python<'_>,
-        seed: Option<u64>,
+        seed: Option<&Bound<'_, PyAny>>,
         now: Option<&Bound<'_, PyAny>>,
         behaviours: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Bus> {
+        let seed = seed.map(|seed| value::unsigned("seed", seed)).transpose()?;
         let mut scenario = py.detach(|| self.described().scenario()).or_raise(py)?;
         scenario.seed = seed.unwrap_or(scenario.seed);
         Bus::make(py, &scenario, now, behaviours)
@@ -516,12 +518,12 @@ impl Segment {
     fn __repr__(&self) -> String {
         let described = self.described();
         let cycle = described.table.get("cycle").and_then(Value::as_str).unwrap_or("no cycle");
-        match described.names() {
-            Ok(names) => {
-                format!("<isocat.Segment {}: {cycle}, {}>", described.path, names.join(", "))
-            }
-            Err(_) => format!("<isocat.Segment {}: {cycle}>", described.path),
-        }
+        let devices = match described.names() {
+            Ok(names) if names.is_empty() => ", no devices".to_owned(),
+            Ok(names) => format!(", {}", names.join(", ")),
+            Err(_) => String::new(),
+        };
+        format!("<isocat.Segment {}: {cycle}{devices}>", described.path)
     }
 
     fn __reduce__<'py>(

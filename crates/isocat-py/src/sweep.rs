@@ -41,6 +41,9 @@ enum Values {
 
 /// Largest number of runs of a sweep.
 const MOST_RUNS: u64 = 999_999_999;
+/// Largest number of values of a key. Each is held against the segment file's reader before
+/// anything runs, which takes 40 us.
+const MOST_VALUES: usize = 100_000;
 /// Time between two reports of progress.
 const TICK: Duration = Duration::from_millis(100);
 
@@ -73,8 +76,14 @@ fn made(
             u64::MAX => "more runs than can be counted".to_owned(),
             runs => format!("{runs} runs"),
         };
-        return Err(Failure::argument("grid", found, expected));
+        let name = if axes.is_empty() { "seeds" } else { "grid" };
+        return Err(Failure::argument(name, found, expected));
     }
+    Ok(sweep)
+}
+
+/// Checks each value of the grid.
+fn check(sweep: &sweep::Sweep) -> Result<(), Failure> {
     sweep.check().map_err(|(value, error)| {
         let failure = Failure::from(error);
         Failure {
@@ -82,8 +91,7 @@ fn made(
             place: Some(value),
             ..failure
         }
-    })?;
-    Ok(sweep)
+    })
 }
 
 /// The values of the grid, as texts.
@@ -102,11 +110,20 @@ fn given(grid: &Bound<'_, PyDict>) -> PyResult<Vec<Given>> {
             Ok(range) if range.to_string().contains("..") => Values::Range(range.to_string()),
             Ok(one) => Values::List(vec![one.to_string()]),
             Err(_) if values.cast::<PyDict>().is_err() && values.try_iter().is_ok() => {
+                let too_many = || {
+                    let found = format!("more than {MOST_VALUES} values");
+                    let expected =
+                        "fewer, or a range (\"1m..100m\"), from which each run draws a value";
+                    Failure::argument(&key, found, expected).raise(py)
+                };
+                // Something endless has no length.
+                if values.len().is_ok_and(|count| count > MOST_VALUES) {
+                    return Err(too_many());
+                }
                 let mut list = Vec::new();
                 for one in values.try_iter()? {
-                    if list.len() as u64 > MOST_RUNS / 100 {
-                        let expected = "fewer of them, or a range (\"1m..100m\")";
-                        return Err(Failure::argument(&key, "very many values", expected).raise(py));
+                    if list.len() == MOST_VALUES {
+                        return Err(too_many());
                     }
                     list.push(text(&one?)?);
                 }
@@ -124,6 +141,22 @@ impl Sweep {
     #[new]
     #[pyo3(signature = (segment, grid, first_seed, seeds, swarm))]
     fn new(
+        py: Python<'_>,
+        segment: &Bound<'_, Segment>,
+        grid: &Bound<'_, PyDict>,
+        first_seed: u64,
+        seeds: u64,
+        swarm: bool,
+    ) -> PyResult<Self> {
+        let made = Self::_unpickle(py, segment, grid, first_seed, seeds, swarm)?;
+        py.detach(|| check(&made.sweep)).or_raise(py)?;
+        Ok(made)
+    }
+
+    /// Restores a sweep from what `__reduce__` returned: its values have been checked, and a worker
+    /// need not do so again for each batch.
+    #[staticmethod]
+    fn _unpickle(
         py: Python<'_>,
         segment: &Bound<'_, Segment>,
         grid: &Bound<'_, PyDict>,
@@ -168,7 +201,11 @@ impl Sweep {
     }
 
     /// The values of a run, by key.
-    fn values<'py>(&self, py: Python<'py>, number: u64) -> PyResult<Bound<'py, PyDict>> {
+    fn values<'py>(
+        &self,
+        py: Python<'py>,
+        number: &Bound<'_, PyAny>,
+    ) -> PyResult<Bound<'py, PyDict>> {
         let (case, dict) = (self.case(py, number)?, PyDict::new(py));
         for (axis, value) in self.sweep.axes().iter().zip(&case.values) {
             dict.set_item(&axis.key, value)?;
@@ -177,7 +214,7 @@ impl Sweep {
     }
 
     /// A run as an independent segment.
-    fn segment(&self, py: Python<'_>, number: u64) -> PyResult<Segment> {
+    fn segment(&self, py: Python<'_>, number: &Bound<'_, PyAny>) -> PyResult<Segment> {
         let text = self.case(py, number)?.text;
         let path = self.described.path.clone();
         let segment = py.get_type::<Segment>().call_method1("from_toml", (text, path))?;
@@ -186,7 +223,7 @@ impl Sweep {
 
     /// The text of a run, shrunk as far as the verdict and the kind of the first finding stay the
     /// same.
-    fn shrink(&self, py: Python<'_>, number: u64) -> PyResult<String> {
+    fn shrink(&self, py: Python<'_>, number: &Bound<'_, PyAny>) -> PyResult<String> {
         let (sweep, text) = (self.sweep.clone(), self.case(py, number)?.text);
         interruptible(py, move |stop| {
             let whole = sweep.outcome(&text);
@@ -312,12 +349,13 @@ impl Sweep {
         let unpickle = py.get_type::<Segment>().getattr("_unpickle")?;
         let segment = unpickle.call1((this.described.text(), &this.described.path))?;
         let arguments = (segment, grid, this.first_seed, this.seeds, this.swarm);
-        Ok((slf.get_type().into_any(), arguments.into_pyobject(py)?))
+        Ok((slf.get_type().getattr("_unpickle")?, arguments.into_pyobject(py)?))
     }
 }
 
 impl Sweep {
-    fn case(&self, py: Python<'_>, number: u64) -> PyResult<sweep::Case> {
+    fn case(&self, py: Python<'_>, number: &Bound<'_, PyAny>) -> PyResult<sweep::Case> {
+        let number = value::unsigned("number", number)?;
         if number >= self.sweep.runs() {
             let expected = format!("a run from 0 to {}", self.sweep.runs() - 1);
             return Err(Failure::argument("number", number.to_string(), expected).raise(py));

@@ -30,6 +30,15 @@ impl Times {
     }
 }
 
+/// Reads a whole number from 0 on from an argument.
+pub fn unsigned(name: &str, from: &Bound<'_, PyAny>) -> PyResult<u64> {
+    from.extract().map_err(|_| {
+        let found = from.repr().map_or_else(|_| "?".to_owned(), |text| text.to_string());
+        let expected = format!("a whole number from 0 to {}", u64::MAX);
+        Failure::argument(name, found, expected).raise(from.py())
+    })
+}
+
 /// Largest depth of nested tables.
 const DEEPEST: usize = 16;
 

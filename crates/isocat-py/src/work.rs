@@ -1,11 +1,13 @@
-//! Runs long work on its own thread, while the calling thread waits without the interpreter's lock
+//! Runs long work on another thread, while the calling thread waits without the interpreter's lock
 //! and handles signals.
 
 use std::any::Any;
-use std::panic::resume_unwind;
-use std::sync::Arc;
+use std::mem::forget;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::process;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex};
 use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
@@ -50,13 +52,82 @@ pub fn interruptible<T: Send + 'static>(
 ) -> PyResult<T> {
     let (stop, (sender, mut receiver)) = (Stop::default(), sync_channel(1));
     let theirs = stop.clone();
-    let thread = spawn(py, move || {
-        // The receiver is gone if the caller was interrupted.
-        let _ = sender.send(work(&theirs));
-    })?;
+    hand_over(
+        py,
+        Box::new(move |free| {
+            let done = catch_unwind(AssertUnwindSafe(|| work(&theirs)));
+            free();
+            // The receiver is gone if the caller was interrupted.
+            let _ = sender.send(done);
+        }),
+    )?;
     match next(py, &stop, &mut receiver)? {
-        Some(result) => Ok(result),
-        None => Err(broken(py, thread)),
+        Some(Ok(result)) => Ok(result),
+        Some(Err(panic)) => Err(fault(py, &words(panic))),
+        None => Err(fault(py, "its thread ended")),
+    }
+}
+
+/// Work for a thread. It calls its argument when its thread is free for other work.
+type Work = Box<dyn FnOnce(&dyn Fn()) + Send>;
+
+/// A thread that waits for work.
+struct Idle {
+    /// Its process: a forked child has none of its parent's threads.
+    process: u32,
+    work: SyncSender<Work>,
+}
+
+/// Threads that wait. A new thread for each run would take 3 % of the time of short runs: its stack
+/// is new, and so is its processor's cache.
+static IDLE: Mutex<Vec<Idle>> = Mutex::new(Vec::new());
+/// Largest number of threads that are kept.
+const MOST_IDLE: usize = 16;
+
+/// Gives work to a thread that waits, or to a new one.
+fn hand_over(py: Python<'_>, work: Work) -> PyResult<()> {
+    let Some(idle) = waiting() else {
+        let (sender, receiver) = sync_channel::<Work>(1);
+        let own = sender.clone();
+        spawn(py, move || serve(&own, &receiver))?;
+        // The thread has the other end.
+        let _ = sender.send(work);
+        return Ok(());
+    };
+    // A thread that waits has the other end.
+    let _ = idle.work.send(work);
+    Ok(())
+}
+
+/// Takes a thread that waits. The lock is not waited for: a child may have been forked while a
+/// thread of its parent held it.
+fn waiting() -> Option<Idle> {
+    let mut idle = IDLE.try_lock().ok()?;
+    while let Some(one) = idle.pop() {
+        if one.process == process::id() {
+            return Some(one);
+        }
+        // Its thread is the parent's, and so is what the channel's lock may wait for.
+        forget(one);
+    }
+    None
+}
+
+/// A thread's life: works, and waits among [`IDLE`], as long as it is kept.
+fn serve(own: &SyncSender<Work>, receiver: &Receiver<Work>) {
+    let kept = AtomicBool::new(true);
+    let free = || {
+        let place = IDLE.try_lock().ok().filter(|idle| idle.len() < MOST_IDLE);
+        kept.store(place.is_some(), Ordering::Relaxed);
+        if let Some(mut idle) = place {
+            idle.push(Idle { process: process::id(), work: own.clone() });
+        }
+    };
+    while kept.load(Ordering::Relaxed) {
+        match receiver.recv() {
+            Ok(work) => work(&free),
+            Err(_) => return,
+        }
     }
 }
 
@@ -87,6 +158,10 @@ const STACK: usize = 8 << 20;
 /// The exception for a thread that panicked.
 pub fn broken(py: Python<'_>, thread: JoinHandle<()>) -> PyErr {
     let why = py.detach(|| thread.join()).err().map_or_else(String::new, words);
+    fault(py, &why)
+}
+
+fn fault(py: Python<'_>, why: &str) -> PyErr {
     Failure::new(Class::Internal, format!("a fault in isocat itself, please report it: {why}"))
         .raise(py)
 }

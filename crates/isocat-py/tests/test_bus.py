@@ -164,6 +164,13 @@ def test_a_behaviour_that_raises(main_device: ModuleType) -> None:
     ):
         main_device.run(isocat.Segment.built_in(), 5, behaviours={0: Long()})
 
+    class Text:
+        def map_inputs(self, inputs: bytes) -> str:
+            return "position"
+
+    with pytest.raises(isocat.InputError, match="map_inputs: found str; expected bytes, or None"):
+        main_device.run(isocat.Segment.built_in(), 5, behaviours={0: Text()})
+
 
 def test_a_behaviour_without_a_method() -> None:
     class Wrong:

@@ -256,3 +256,20 @@ def test_nothing_heavy_is_imported() -> None:
     code = "import isocat, sys; print([m for m in ('numpy','pandas','pyarrow','ray','matplotlib','tqdm','pytest') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+FORK = """
+import isocat, os, sys
+segment = isocat.Segment(cycle="1ms", for_="20ms")
+segment.add("simple_io4")
+here = segment.run(seed=3)
+child = os.fork()
+if not child:
+    os._exit(0 if segment.run(seed=3).to_dict() == here.to_dict() else 1)
+sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+def test_a_forked_process_runs_too() -> None:
+    """The thread that the parent's runs left behind is not in the child."""
+    subprocess.run([sys.executable, "-c", FORK], check=True, timeout=60)

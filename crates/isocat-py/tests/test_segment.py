@@ -85,6 +85,15 @@ def test_unknown_keys_say_what_was_meant(pair: isocat.Segment) -> None:
     assert pair.to_dict() == before
 
 
+@pytest.mark.parametrize("seed", [-1, 2**64, "first", 1.5])
+def test_no_seeds(pair: isocat.Segment, seed: Any) -> None:
+    for call in (pair.run, pair.prove, pair.bus):
+        with pytest.raises(
+            isocat.InputError, match="seed: found .* expected a whole number from 0"
+        ):
+            call(seed=seed)  # type: ignore[operator]
+
+
 @pytest.mark.parametrize("source", [7, 1.5, [], "a\nb", object()])
 def test_other_types(source: Any) -> None:
     with pytest.raises(isocat.InputError):

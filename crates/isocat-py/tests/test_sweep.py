@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import subprocess
@@ -20,7 +21,7 @@ GRID = {"cycle": ["500us", "1ms"], "host.jitter": ["5us", "100us"]}
 def short() -> isocat.Segment:
     """A segment that is judged for 30 ms."""
     segment = isocat.Segment(cycle="1ms", for_="30ms")
-    segment.add("kollmorgen_akd2g", mode="dc-sync0")
+    segment.add("kollmorgen_akd2g", name="axis 1", mode="dc-sync0")
     return segment
 
 
@@ -113,6 +114,7 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
         {"grid": {"subdevice[7].cable": ["1m"]}},
         "there are 1 of subdevice",
     ),
+    ("a device by its name", {"grid": {"axis 1.cable": ["1m"]}}, r"expected subdevice\[0\].cable"),
     ("a value that is none", {"grid": {"cycle": ["1ms", "3 parsec"]}}, "unknown unit"),
     ("no values", {"grid": {"cycle": []}}, "no values"),
     ("a value of another kind", {"grid": {"cycle": [None]}}, "cycle"),
@@ -123,6 +125,11 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
     ("faults", {"faults": "storm"}, "swarm"),
     ("another executor", {"executor": "ray"}, "isocat.ray"),
     ("no workers", {"workers": 0}, "1 to 1024"),
+    ("workers that are no number", {"workers": "two"}, "1 to 1024"),
+    ("seeds before 0", {"seeds": range(-1, 9)}, "step of 1"),
+    ("seeds that no number holds", {"seeds": 10**30}, "step of 1"),
+    ("a billion values", {"grid": {"cycle": range(10**9)}}, "more than 100000 values"),
+    ("values without end", {"grid": {"cycle": itertools.count(1)}}, "more than 100000 values"),
     ("to go on with nothing", {"resume": True}, "to=FOLDER"),
     ("too many for the memory", {"seeds": 10_000_001}, "to=FOLDER"),
     ("a billion", {"seeds": 10**9, "to": "never"}, "999999999 at most"),
@@ -169,9 +176,9 @@ def test_rows_go_to_a_folder_and_are_gone_on_with(short: isocat.Segment, tmp_pat
     to = tmp_path / "rows"
     with pytest.raises(KeyboardInterrupt):
         isocat.sweep(short, GRID, seeds=3, to=to, executor=Some(1))
-    assert sorted(os.listdir(to)) == ["isocat-sweep.json", "part-000000000000.parquet"]
+    assert sorted(os.listdir(to)) == ["_isocat-sweep.json", "part-000000000000.parquet"]
     # What a process that died left behind.
-    (to / "part-000000000005.parquet.99.part").write_bytes(b"half")
+    (to / "_part-000000000005.parquet.99.part").write_bytes(b"half")
     with pytest.raises(isocat.InputError, match="resume=True"):
         isocat.sweep(short, GRID, seeds=3, to=to, executor=Some(9))
     with pytest.raises(isocat.InputError, match="another sweep"):
@@ -182,7 +189,9 @@ def test_rows_go_to_a_folder_and_are_gone_on_with(short: isocat.Segment, tmp_pat
     assert (
         done.frontier("host.jitter", "cycle").edges == whole.frontier("host.jitter", "cycle").edges
     )
-    assert json.loads((to / "isocat-sweep.json").read_text())["batch"] == 5
+    assert json.loads((to / "_isocat-sweep.json").read_text())["batch"] == 5
+    pandas = pytest.importorskip("pandas")
+    assert list(pandas.read_parquet(to)["number"]) == list(range(12)), "it is one table to others"
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "file").touch()
     with pytest.raises(isocat.InputError, match="an empty folder"):
@@ -230,7 +239,8 @@ executor=isocat._sweep.Threads(batch=100))
             timeout=300,
         )
         names = os.listdir(tiny / "rows")
-        assert done.returncode == 1 and "No space left on device" in done.stderr
+        assert done.returncode == 1 and "No space left on device: " in done.stderr
+        assert f"{tiny}/rows/part-" in done.stderr
         assert names and not any(name.endswith(".part") for name in names)
     finally:
         subprocess.run(["umount", str(tiny)], check=True)

@@ -128,6 +128,73 @@ pub trait Tap {
     fn served_cycle(&mut self, _at: Time<True>, _cycle: Option<ServedCycle>, _segment: &Segment) {}
 }
 
+/// Passes every call on: a method of the trait that is missing here would never reach the tap.
+impl<T: Tap + ?Sized> Tap for &mut T {
+    fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]) {
+        (**self).frame(at, sent, bytes);
+    }
+
+    fn secondary_frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]) {
+        (**self).secondary_frame(at, sent, bytes);
+    }
+
+    fn lost(&mut self, at: Time<True>, port: Port, why: Option<Lost>) {
+        (**self).lost(at, port, why);
+    }
+
+    fn probes(&self) -> Vec<usize> {
+        (**self).probes()
+    }
+
+    fn cables(&self) -> Vec<usize> {
+        (**self).cables()
+    }
+
+    fn probed(&mut self, at: Time<True>, device: usize, sight: Sight, bytes: &[u8]) {
+        (**self).probed(at, device, sight, bytes);
+    }
+
+    fn passed(&mut self, at: Time<True>, segment: &Segment) {
+        (**self).passed(at, segment);
+    }
+
+    fn observes(&self) -> bool {
+        (**self).observes()
+    }
+
+    fn observed(&mut self, segment: &Segment, at: Time<True>, observation: &Observation) {
+        (**self).observed(segment, at, observation);
+    }
+
+    fn measured(&mut self, at: Time<True>, device: usize, measured: &Measured) {
+        (**self).measured(at, device, measured);
+    }
+
+    fn fault(&mut self, happened: &Happened) {
+        (**self).fault(happened);
+    }
+
+    fn event(&mut self, at: Time<True>, event: &Event) {
+        (**self).event(at, event);
+    }
+
+    fn judging_begins(&mut self, at: Time<True>, intent: &Intent) {
+        (**self).judging_begins(at, intent);
+    }
+
+    fn judging_ends(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
+        (**self).judging_ends(at, main, segment);
+    }
+
+    fn cycle(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
+        (**self).cycle(at, main, segment);
+    }
+
+    fn served_cycle(&mut self, at: Time<True>, cycle: Option<ServedCycle>, segment: &Segment) {
+        (**self).served_cycle(at, cycle, segment);
+    }
+}
+
 /// A cycle of a foreign MainDevice, as the segment sees it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ServedCycle {

@@ -18,7 +18,7 @@ use isocat_wire::time::{Nanos, Picos, Time, True};
 
 use super::Plan;
 use super::report::{Measured, PlanReport, ProofSummary, Seen};
-use crate::{Report, moment};
+use crate::{Report, moment, watched};
 
 /// A bound is tight if the largest time that was needed, plus twice the clock error, is at least
 /// the bound divided by this.
@@ -37,7 +37,8 @@ pub struct Proof {
 pub fn prove(plan: &Plan, scenario: &Scenario) -> Proof {
     let scenario = as_planned(plan, scenario);
     let onlooker = Rc::new(RefCell::new(Onlooker::new(plan, scenario.duration)));
-    let outcome = scenario.run().execute(Some(Shared(onlooker.clone())), &mut |_| {});
+    let mut tap = Shared(onlooker.clone());
+    let outcome = watched(scenario.run(), &mut tap, &mut |_| {});
     let run = Report::new(&scenario, &outcome);
     let watches = onlooker.borrow_mut().finish();
     Proof { watches, run }

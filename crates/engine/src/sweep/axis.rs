@@ -159,6 +159,10 @@ impl Axis {
         };
         let (first, rest) = self.path.split_first().ok_or("no key")?;
         let Step::Key(first) = first else { return Err("no key".into()) };
+        if let Some(position) = device(table, first).filter(|_| !rest.is_empty()) {
+            let key = &self.key[first.len() + 1..];
+            return Err(format!("{first} is a device; expected subdevice[{position}].{key}"));
+        }
         set(table, first, rest, &mut value).map_err(|why| format!("{}: {why}", self.key))?;
         Ok(told)
     }
@@ -180,12 +184,20 @@ fn path(key: &str) -> Result<Vec<Step>, String> {
             None => {}
             Some("*") => path.push(Step::All),
             Some(number) => {
-                let number = number.parse().map_err(|_| format!("\"{number}\" is no place"))?;
+                let number = number.parse().map_err(|_| {
+                    format!("\"{number}\" is no place; expected a position from 0 on, or *")
+                })?;
                 path.push(Step::At(number));
             }
         }
     }
     Ok(path)
+}
+
+/// The position of the table `[[subdevice]]` with this name.
+fn device(table: &Table, name: &str) -> Option<usize> {
+    let devices = table.get("subdevice")?.as_array()?;
+    devices.iter().position(|device| device.get("name").and_then(Value::as_str) == Some(name))
 }
 
 fn set(

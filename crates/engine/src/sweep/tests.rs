@@ -98,11 +98,15 @@ fn keys_that_lead_nowhere_are_refused() {
         ("subdevice[*]=1m", "which key"),
         ("cycle=1ms,,2ms", "empty value"),
         ("subdevice[0].cable=1m..5cm", "one unit"),
-        ("subdevice[x].cable=1m", "no place"),
+        ("subdevice[x].cable=1m", "expected a position from 0 on, or *"),
     ] {
         let error = sweep.vary(axis).unwrap_err();
         assert!(error.contains(expected), "{axis}: {error}");
     }
+    let text =
+        SEGMENT.replace("device = \"simple_io16\"", "device = \"simple_io16\"\nname = \"io\"");
+    let error = Sweep::new("sweep.toml", &text).unwrap().vary("io.cable=1m").unwrap_err();
+    assert_eq!(error, "io is a device; expected subdevice[1].cable");
 }
 
 /// Rows are the same on one thread and on three, in the same order. A run that the plan refuses has

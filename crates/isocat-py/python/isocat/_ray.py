@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ._errors import Error, InputError
 from ._isocat import __version__
+from ._sweep import MOST_IN_MEMORY, whole
 
 if TYPE_CHECKING:
     from ._isocat import Sweep, Table
@@ -46,10 +47,16 @@ class ray:
         num_cpus: float = 1,
         runtime_env: dict[str, Any] | None = None,
     ) -> None:
-        if batch < 1:
-            raise InputError(f"batch: found {batch}; expected 1 or more", place="batch")
-        self.batch = batch
-        self._address, self._retries = address, retries
+        self.batch = whole("batch", batch, 1, MOST_IN_MEMORY)
+        self._address, self._retries = address, whole("retries", retries, 0, 1_000_000)
+        if isinstance(num_cpus, bool) or not isinstance(num_cpus, (int, float)) or num_cpus <= 0:
+            expected = "a number above 0"
+            raise InputError(
+                f"num_cpus: found {num_cpus!r}; expected {expected}",
+                place="num_cpus",
+                found=repr(num_cpus),
+                expected=expected,
+            )
         self._num_cpus, self._runtime_env = num_cpus, runtime_env
 
     def run(self, sweep: Sweep, spans: Iterable[Span], tell: Told) -> Iterator[tuple[Span, Table]]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,8 @@ from ._isocat import Table
 if TYPE_CHECKING:
     from ._isocat import Sweep
 
-HEAD = "isocat-sweep.json"
+# Readers of a folder of Parquet files skip names that begin with "_".
+HEAD = "_isocat-sweep.json"
 _PART = "part-"
 
 
@@ -23,7 +25,8 @@ class Store:
     """A folder of parts.
 
     A part is named after its first run and written completely or not at all, so a driver or a
-    machine that fails only loses the parts in progress. ``isocat-sweep.json`` identifies the sweep.
+    machine that fails only loses the parts in progress. ``_isocat-sweep.json`` identifies the
+    sweep.
     """
 
     def __init__(self, files: _Files, identity: str) -> None:
@@ -32,8 +35,9 @@ class Store:
     @classmethod
     def open(cls, to: str | os.PathLike[str], sweep: Sweep, batch: int, resume: bool) -> Store:
         """Begins a folder, or continues one of the same sweep."""
-        path = os.fspath(to)
+        path = os.fsdecode(to)
         files: _Files = _Bucket(path) if "://" in path else _Folder(path)
+        path = _without_secrets(path) if "://" in path else path
         about = json.loads(sweep.identity())
         about["batch"] = batch
         identity = json.dumps(about, indent=1, sort_keys=True) + "\n"
@@ -74,7 +78,12 @@ class Store:
 
     def write(self, start: int, table: Table) -> None:
         """Writes a part."""
-        self._files.write(f"{_PART}{start:012d}.parquet", table.parquet_bytes())
+        try:
+            self._files.write(f"{_PART}{start:012d}.parquet", table.parquet_bytes())
+        except OSError as error:
+            if sys.version_info >= (3, 11):
+                error.add_note("Rows that were written remain: resume=True continues with them.")
+            raise
 
     def finish(self) -> None:
         """Does nothing: each part is already a complete file."""
@@ -183,16 +192,18 @@ class _Folder(_Files):
 
     def write(self, name: str, content: bytes) -> None:
         path = os.path.join(self._path, name)
-        part = f"{path}.{os.getpid()}.part"
+        part = os.path.join(self._path, f"_{name}.{os.getpid()}.part")
         try:
             with open(part, "wb") as file:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(part, path)
-        except BaseException:
+        except BaseException as error:
             if os.path.exists(part):
                 os.remove(part)
+            if isinstance(error, OSError) and error.filename is None:
+                error.filename = path
             raise
 
     def source(self, name: str) -> Any:
@@ -201,10 +212,24 @@ class _Folder(_Files):
 
 class _Bucket(_Files):
     def __init__(self, url: str) -> None:
-        arrow = _pyarrow(f"to={url!r}")
-        self._files, self._path = arrow.fs.FileSystem.from_uri(url)
-        self._files.create_dir(self._path, recursive=True)
+        self._shown = _without_secrets(url)
+        arrow = _pyarrow(f"to={self._shown!r}")
         self._fs = arrow.fs
+        try:
+            self._files, self._path = arrow.fs.FileSystem.from_uri(url)
+            self._files.create_dir(self._path, recursive=True)
+        except arrow.ArrowException as error:
+            expected = 'a folder, or a URL that pyarrow knows, such as "s3://bucket/folder"'
+            raise InputError(
+                f"to: found {self._shown}: {error}; expected {expected}",
+                place="to",
+                found=self._shown,
+                expected=expected,
+            ) from None
+        except OSError as error:
+            raise OSError(
+                f"to: {self._shown} can't be opened: {error}; {_EXPECTED.get(_scheme(url), _BUCKET)}"
+            ) from error
 
     def names(self) -> list[str]:
         found = self._files.get_file_info(self._fs.FileSelector(self._path))
@@ -220,8 +245,28 @@ class _Bucket(_Files):
 
     def write(self, name: str, content: bytes) -> None:
         # An object appears in the bucket when it is closed, so it is never incomplete.
-        with self._files.open_output_stream(f"{self._path}/{name}") as file:
-            file.write(content)
+        try:
+            with self._files.open_output_stream(f"{self._path}/{name}") as file:
+                file.write(content)
+        except OSError as error:
+            raise OSError(f"to: {self._shown}: {name} can't be written: {error}") from error
 
     def source(self, name: str) -> Any:
         return self._files.open_input_file(f"{self._path}/{name}")
+
+
+_BUCKET = "expected a bucket that exists, and credentials that may write to it"
+_EXPECTED = {
+    "s3": f"{_BUCKET}: AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY in the environment, or a profile in ~/.aws. "
+    "A server that is not Amazon's: AWS_ENDPOINT_URL, or ?endpoint_override=HOST:PORT in the URL"
+}
+
+
+def _scheme(url: str) -> str:
+    return url.partition("://")[0]
+
+
+def _without_secrets(url: str) -> str:
+    """The URL without ``key:secret@`` and without options, for messages."""
+    scheme, _, rest = url.partition("?")[0].partition("://")
+    return f"{scheme}://{rest.rpartition('@')[2]}"

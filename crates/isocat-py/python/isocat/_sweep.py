@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import sys
 import time
@@ -49,10 +50,8 @@ class Threads:
     """
 
     def __init__(self, workers: int | None = None, batch: int = 1000) -> None:
-        if workers is not None and not 1 <= workers <= 1024:
-            raise InputError(f"workers: found {workers}; expected 1 to 1024", place="workers")
-        self.workers = workers or processors()
-        self.batch = batch
+        self.workers = processors() if workers is None else whole("workers", workers, 1, 1024)
+        self.batch = whole("batch", batch, 1, MOST_IN_MEMORY)
 
     def run(self, sweep: Sweep, spans: Iterable[Span], tell: Told) -> Iterator[tuple[Span, Table]]:
         """Runs spans; consecutive ones are run without a pause in between."""
@@ -189,16 +188,34 @@ def sweep(
     return result
 
 
+def whole(name: str, value: Any, least: int, most: int) -> int:
+    """Reads a whole number from an argument; those of numpy are such numbers, too."""
+    number = None if isinstance(value, bool) or not hasattr(value, "__index__") else value
+    if number is None or not least <= operator.index(number) <= most:
+        expected = f"a whole number from {least} to {most}"
+        raise InputError(
+            f"{name}: found {value!r}; expected {expected}",
+            place=name,
+            found=repr(value),
+            expected=expected,
+        )
+    return operator.index(number)
+
+
 def _seeds(seeds: int | range) -> tuple[int, int]:
-    if isinstance(seeds, range) and seeds.step == 1 and len(seeds) and seeds.start >= 0:
-        return seeds.start, len(seeds)
-    if isinstance(seeds, int) and not isinstance(seeds, bool) and seeds > 0:
-        return 1, seeds
+    first, count = 1, 0
+    if isinstance(seeds, range):
+        first, count = seeds.start, seeds.stop - seeds.start if seeds.step == 1 else 0
+    elif hasattr(seeds, "__index__") and not isinstance(seeds, bool):
+        count = operator.index(seeds)
+    if 0 <= first < first + count <= 2**63:
+        return first, count
+    expected = "a number from 1 on, or a range with a step of 1, such as range(1000)"
     raise InputError(
-        f"seeds: found {seeds!r}; expected a number from 1 on, or a range with a step of 1, such as range(1000)",
+        f"seeds: found {seeds!r}; expected {expected}",
         place="seeds",
         found=repr(seeds),
-        expected="a number from 1 on, or a range with a step of 1",
+        expected=expected,
     )
 
 
@@ -493,8 +510,13 @@ class Frontier:
         """Shares as a ``pandas.DataFrame``: a row for each value of ``y``, a column for each of
         ``x``.
         """
-        import pandas
-
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError(
+                "to_pandas() needs pandas, which is not installed: pip install pandas. "
+                "Without it: share(x, y), or holds"
+            ) from error
         shares = [[self.share(x, y) for x in self.x_values] for y in self.y_values]
         frame = pandas.DataFrame(shares, index=self.y_values, columns=self.x_values)
         return frame.rename_axis(index=self.y, columns=self.x)

@@ -109,7 +109,7 @@ mod tests;
 mod unknown;
 mod write;
 
-pub use esi::{Doubt, NotSimulated, Obstacle, RunAs};
+pub use esi::{Doubt, NotSimulated, Obstacle, RunAs, TakenOpMode};
 pub use found::{Found, FoundArea, FoundEntry};
 pub use isocat_descriptions::document::{FileError, FilePlace, name_hint};
 pub use keys::FILE;

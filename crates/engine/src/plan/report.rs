@@ -286,11 +286,37 @@ pub struct Suggestion {
     pub outputs_shift_ns: Option<i64>,
     /// Positions of the SubDevices whose outputs can be shifted.
     pub outputs_shiftable: Vec<usize>,
-    /// The smallest cycle that fits, with all other settings unchanged; null if none up to 1 s
-    /// fits.
+    /// The smallest cycle that fits, with all other settings unchanged but for the next two; null
+    /// if none of those tried fits.
     pub smallest_cycle_ns: Option<i64>,
-    /// The cycles that were tried are multiples of this.
-    pub cycle_step_ns: i64,
+    /// Cycles of the SubDevices slower than the bus at that cycle: they keep their ratio to it.
+    pub own_cycles: Vec<OwnCycle>,
+    /// Whether the segment file has a shift, which that cycle leaves to the plan.
+    pub drops_shift: bool,
+    /// The cycles that were tried; null if there is none that the OpModes of all SubDevices take.
+    pub cycles: Option<TriedCycles>,
+}
+
+/// The cycle of a SubDevice that is slower than the bus.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct OwnCycle {
+    /// Place in processing order, from 0.
+    pub position: usize,
+    /// Its cycle.
+    pub cycle_ns: i64,
+}
+
+/// Cycles that were tried: multiples of a step within a range, which the OpModes may narrow.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct TriedCycles {
+    /// Every one is a multiple of this.
+    pub step_ns: i64,
+    /// The shortest.
+    pub least_ns: i64,
+    /// The longest, at most 1 s.
+    pub most_ns: i64,
 }
 
 /// Results of a run.

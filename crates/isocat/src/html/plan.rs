@@ -207,7 +207,7 @@ fn suggestion(report: &PlanReport) -> Markup {
             table.facts {
                 tr { th { "phase with the most even slack" } td { (ns(better.shift_ns)) ", slack " (ns(better.slack_ns)) } }
                 tr { th { "the same as the phase of the frame" } td { (ns(better.send_phase_ns)) } }
-                tr { th { "smallest cycle that fits" } td { (ns(better.smallest_cycle_ns)) " (in steps of " (Nanos(better.cycle_step_ns)) ")" } }
+                tr { th { "smallest cycle that fits" } td { (better.smallest_cycle()) } }
             }
         }
     }

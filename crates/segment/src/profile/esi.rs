@@ -38,7 +38,7 @@ mod soe;
 mod startup;
 mod windows;
 
-pub use op_mode::{Doubt, RunAs};
+pub use op_mode::{Doubt, RunAs, TakenOpMode};
 
 /// Why a device of a description cannot be a virtual SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]

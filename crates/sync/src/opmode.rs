@@ -19,7 +19,7 @@ use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
 pub use bus_cycles::BusCycles;
-pub use warning::{Warning, Warnings};
+pub use warning::{Warning, WarningKind, Warnings};
 
 use crate::mode::SyncMode;
 use crate::pulses::Pulses;

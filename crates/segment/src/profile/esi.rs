@@ -28,7 +28,10 @@ use isocat_wire::time::Nanos;
 
 use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Share, Times};
 use super::write::ProfileText;
-use super::{ApplicationKind, Identity, OpMode, Origin, Profile, check, dictionary, drive, ports};
+use super::{
+    ApplicationKind, Doubt, DoubtKind, Identity, OpMode, Origin, Profile, check, dictionary, drive,
+    ports,
+};
 
 mod eeprom;
 mod objects;
@@ -38,7 +41,7 @@ mod soe;
 mod startup;
 mod windows;
 
-pub use op_mode::{Doubt, RunAs, TakenOpMode};
+pub use op_mode::{RunAs, TakenOpMode};
 
 /// Why a device of a description cannot be a virtual SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -66,6 +69,20 @@ pub enum Obstacle {
 }
 
 impl Obstacle {
+    /// All of them.
+    pub const ALL: [Self; 10] = [
+        Self::Placeholder,
+        Self::SeveralSyncManagers,
+        Self::ProcessDataTooLong,
+        Self::ProcessDataInRegisters,
+        Self::TooManyEntries,
+        Self::MailboxArea,
+        Self::MemoryOverlap,
+        Self::TooLarge,
+        Self::Sync0Cycle,
+        Self::SyncUnitAtPdi,
+    ];
+
     /// The name, as words joined by dashes.
     pub const fn name(self) -> &'static str {
         match self {
@@ -79,6 +96,33 @@ impl Obstacle {
             Self::TooLarge => "too-large",
             Self::Sync0Cycle => "sync0-cycle",
             Self::SyncUnitAtPdi => "sync-unit-at-pdi",
+        }
+    }
+
+    /// What it means, in a sentence.
+    pub const fn means(self) -> &'static str {
+        match self {
+            Self::Placeholder => "It has no product code.",
+            Self::SeveralSyncManagers => {
+                "Process data of one direction are in more SyncManagers than the stack supports, or in \
+                 others beside a mailbox than the sync objects are about."
+            }
+            Self::ProcessDataTooLong => {
+                "A direction has more process data than the stack's buffers."
+            }
+            Self::ProcessDataInRegisters => {
+                "Process data are neither in the process RAM nor in the registers of digital outputs."
+            }
+            Self::TooManyEntries => "A PDO has more entries than a mapping object.",
+            Self::MailboxArea => {
+                "The mailbox is too short or too long for the stack, or not in SyncManagers 0 and 1."
+            }
+            Self::MemoryOverlap => "Areas in the memory of the ESC overlap.",
+            Self::TooLarge => "The device does not fit into the dictionary or the EEPROM.",
+            Self::Sync0Cycle => {
+                "The pulses of an OpMode do not fit the bus cycle, or the ESC's step of 10 ns."
+            }
+            Self::SyncUnitAtPdi => "The device itself sets up the SYNC unit in this OpMode.",
         }
     }
 }
@@ -140,7 +184,7 @@ impl ProfileText {
         let draft = import.draft().map_err(|not_simulated| not_simulated.error)?;
         if import.sampling.is_some() {
             let words = "a profile file has no samples: all values of a cycle are taken at once";
-            import.doubts.push(Doubt::new(sampling::DOUBT, words.to_owned()));
+            import.doubts.push(Doubt::new(DoubtKind::Oversampling, words.to_owned()));
         }
         let doubts = import.doubts.iter().map(|doubt| format!("{}: {}", doubt.kind, doubt.what));
         super::write::text(draft, made_of, doubts.collect())

@@ -6,24 +6,8 @@ use isocat_sync::opmode::{self, BusCycles, Unit, Warning};
 use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
-use super::super::Profile;
+use super::super::{Doubt, DoubtKind, Profile};
 use super::{NotSimulated, Obstacle};
-
-/// A doubt about a description, or a part of it that is not followed.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Doubt {
-    /// Its fixed name, for programs.
-    pub kind: &'static str,
-    /// Description in words.
-    pub what: String,
-}
-
-impl Doubt {
-    /// A doubt with this name and description.
-    pub fn new(kind: &'static str, what: String) -> Self {
-        Self { kind, what }
-    }
-}
 
 /// An OpMode of a description that a device runs in.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -92,7 +76,7 @@ impl RunAs {
             (false, _) => {
                 let words = "the description does not say by what the device works without SYNC; \
                              SM-synchronous is taken";
-                notes.push(Doubt::new("sync-mode-not-stated", words.to_owned()));
+                notes.push(Doubt::new(DoubtKind::SyncModeNotStated, words.to_owned()));
                 SyncMode::SmSynchronous
             }
         };
@@ -132,7 +116,7 @@ impl TakenOpMode {
         let op_mode = Some(self.clone());
         let found: Vec<Warning> = registers.warnings.iter().collect();
         let mut notes: Vec<Doubt> =
-            found.iter().map(|warning| Doubt::new(warning.name(), warning.to_string())).collect();
+            found.iter().map(|warning| Doubt::new(warning.kind(), warning.to_string())).collect();
         let unit = Some(registers.assign_activate);
         if registers.count == 0 {
             return Ok(RunAs { op_mode, ..RunAs::without_sync(profile, unit, notes) });
@@ -157,7 +141,7 @@ impl TakenOpMode {
                 "{} behind the reference point of the {from}; the phase is the plan's",
                 registers.phase()
             );
-            notes.push(Doubt::new("shift-time-sync0", words));
+            notes.push(Doubt::new(DoubtKind::ShiftTimeSync0, words));
         }
         let word = self.terms.assign_activate;
         // SYNC0 is what SYNC1 is counted from and what these modes copy outputs by.
@@ -166,7 +150,7 @@ impl TakenOpMode {
             let written = AssignActivate(word.0 | AssignActivate::SYNC0.0);
             let words =
                 format!("{word} has no SYNC0, which mode {chosen} needs; {written} is written");
-            notes.push(Doubt::new("sync0-added", words));
+            notes.push(Doubt::new(DoubtKind::Sync0Added, words));
         }
         Ok(RunAs {
             op_mode,

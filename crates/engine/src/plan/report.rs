@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::what_if::WhatIf;
 pub use crate::report::Note;
-use crate::report::{Ring, typed};
+use crate::report::{OpMode, Ring, typed};
 
 /// Version of the document; it changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-plan/3";
@@ -134,6 +134,8 @@ pub struct Device {
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub mode: SyncMode,
+    /// The OpMode of its description; null for a device without.
+    pub op_mode: Option<OpMode>,
     /// Why no higher mode is used; empty if this is the requested or the highest one.
     pub mode_reason: String,
     /// Propagation delay from the reference clock.
@@ -160,6 +162,11 @@ pub struct Device {
 }
 
 impl Device {
+    /// Its position with its OpMode, if it has one.
+    pub(super) fn placed_op_mode(&self) -> Option<(usize, &OpMode)> {
+        Some((self.position, self.op_mode.as_ref()?))
+    }
+
     /// Its line of the cycle with the least slack; where a line does not fit, the one that lacks
     /// most.
     pub fn tightest(&self) -> Option<&Line> {
@@ -180,7 +187,7 @@ pub struct Doubt {
 
 impl From<&isocat_segment::profile::Doubt> for Doubt {
     fn from(doubt: &isocat_segment::profile::Doubt) -> Self {
-        Self { kind: doubt.kind.to_owned(), what: doubt.what.clone() }
+        Self { kind: doubt.kind.name().to_owned(), what: doubt.what.clone() }
     }
 }
 

@@ -8,7 +8,7 @@ use isocat_wire::time::Nanos;
 
 use super::report::{Device, Frame, Line, PlanReport, Suggestion, Term};
 use crate::fold::{fold, label};
-use crate::report::{BAD, GOOD, Note, QUIET};
+use crate::report::{BAD, GOOD, Note, QUIET, op_mode};
 
 /// Above this number of SubDevices, a table and the tightest lines replace the figures of each.
 const MOST_IN_FULL: usize = 6;
@@ -145,7 +145,11 @@ impl PlanReport {
                 "  {QUIET}equal devices side by side are one row: the largest delay, the strictest phases, the least slack{QUIET:#}"
             )?;
         }
-        Ok(())
+        // Figures in full have it in their head.
+        match self.devices.len() <= MOST_IN_FULL {
+            true => Ok(()),
+            false => op_mode::write(out, self.devices.iter().filter_map(Device::placed_op_mode)),
+        }
     }
 
     /// Whether two neighbours are one row: the same kind that does the same, and every demand of
@@ -162,6 +166,7 @@ impl PlanReport {
         };
         let leads = |device: &Device| self.segment.reference == Some(device.position);
         a.profile == b.profile
+            && a.op_mode == b.op_mode
             && kind(a) == kind(b)
             && lacking(a) == lacking(b)
             && !leads(a)
@@ -339,6 +344,9 @@ fn write_frame(out: &mut String, number: usize, frame: &Frame) -> fmt::Result {
 fn write_device(out: &mut String, device: &Device, proven: bool) -> fmt::Result {
     let Device { position, name, mode, .. } = device;
     write!(out, "\nSubDevice {position} ({name}), {mode}")?;
+    if let Some(op_mode) = &device.op_mode {
+        write!(out, " by {op_mode}")?;
+    }
     if let (Some(cycle), Some(phase)) = (device.sync0_cycle_ns, device.sync0_phase_ns) {
         write!(out, ": SYNC0 every {} at {}", Nanos(cycle), Nanos(phase))?;
     }

@@ -259,6 +259,9 @@ impl<'f> Import<'f> {
             Some(_) => self.objects([&outputs, &inputs]),
             None => Vec::new(),
         };
+        if mailbox.is_some() && coe {
+            self.assume_identity(&objects);
+        }
         let chip = self.chip(mailbox.map(|mailbox| mailbox.value), [&outputs, &inputs]);
         let times = self.times(&objects);
         let eeprom =
@@ -276,8 +279,8 @@ impl<'f> Import<'f> {
                 .map_or(ApplicationKind::Io, ApplicationKind::DriveAt),
             identity,
             device_type: device.profile.number.unwrap_or(0).into(),
-            hardware_version: "1.0".to_owned(),
-            software_version: "1.0".to_owned(),
+            hardware_version: VERSION.to_owned(),
+            software_version: VERSION.to_owned(),
             esc: Esc {
                 at: device.at,
                 chip: ("ET1100", chip),
@@ -326,6 +329,22 @@ impl<'f> Import<'f> {
     fn assume(&mut self, item: &str, value: impl Into<String>, why: &str) {
         let item = Placed { at: self.device.at, value: Item::Key(item.to_owned(), value.into()) };
         self.assumed.push(Assumed { item, why: why.to_owned() });
+    }
+
+    /// Names what 0x1000, 0x1009 and 0x100A hold without a statement of the description.
+    fn assume_identity(&mut self, objects: &[super::draft::Object]) {
+        let stated = |index| objects.iter().any(|object| object.index == index);
+        let why = "the description does not state it";
+        if !stated(0x1000) && self.device.profile.number.is_none() {
+            self.assume("identity.device_type", "0", why);
+        }
+        for (index, key) in
+            [(0x1009, "identity.hardware_version"), (0x100A, "identity.software_version")]
+        {
+            if !stated(index) {
+                self.assume(key, VERSION, why);
+            }
+        }
     }
 
     fn mailbox(&mut self) -> Result<Option<Placed<Mailbox>>, NotSimulated> {
@@ -689,6 +708,8 @@ fn bytes_of(pdos: &[EsiPdo]) -> usize {
     pdos.iter().map(EsiPdo::bits).sum::<u32>().div_ceil(8) as usize
 }
 
+/// Version of hardware and software that no description states.
+const VERSION: &str = "1.0";
 /// Largest number of sub-indices of a mapping object.
 const MOST_ENTRIES: usize = 254;
 /// Bits of 0x1C32:04.

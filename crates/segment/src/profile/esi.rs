@@ -48,7 +48,8 @@ pub use op_mode::{RunAs, TakenOpMode};
 pub enum Obstacle {
     /// It has no product code.
     Placeholder,
-    /// Process data of one direction are in more SyncManagers than the stack supports.
+    /// Process data of one direction are in more SyncManagers than the stack supports, or in others
+    /// beside a mailbox than the sync objects are about.
     SeveralSyncManagers,
     /// A direction has more process data than the stack's buffers.
     ProcessDataTooLong,
@@ -386,11 +387,13 @@ impl<'f> Import<'f> {
         assigned: &[(u8, Vec<EsiPdo>)],
         has_mailbox: bool,
     ) -> Result<Option<Area>, NotSimulated> {
-        let purpose = match direction {
-            Direction::Outputs => Purpose::Outputs,
-            Direction::Inputs => Purpose::Inputs,
+        let (purpose, usual) = match direction {
+            Direction::Outputs => (Purpose::Outputs, 2),
+            Direction::Inputs => (Purpose::Inputs, 3),
         };
         let device = self.device;
+        let coe = device.mailbox.as_ref().is_some_and(|mailbox| mailbox.coe.is_some());
+        let coe = coe && has_mailbox;
         let with_data: Vec<_> = assigned
             .iter()
             .filter(|(_, pdos)| pdos.iter().any(|pdo| pdo.bits() > 0))
@@ -408,18 +411,27 @@ impl<'f> Import<'f> {
                 Some(found) if has_mailbox => found,
                 _ => return Ok(None),
             },
-            [first, ..] if !has_mailbox && with_data.len() <= MAX_AREAS => first,
-            [_, (second, _), ..] => {
+            [_, (second, _), ..] if with_data.len() > MAX_AREAS => {
                 let at = device.sync_managers[second].at;
-                let most = if has_mailbox { 1 } else { MAX_AREAS };
                 let message = format!(
-                    "its {} are in {} SyncManagers; expected at most {most}{}",
+                    "its {} are in {} SyncManagers; expected at most {MAX_AREAS}",
                     word(direction),
                     with_data.len(),
-                    if has_mailbox { " beside a mailbox" } else { "" }
                 );
                 return Err(self.stopped(Obstacle::SeveralSyncManagers, at, message));
             }
+            // 0x1C12 and 0x1C32 belong to SM2, 0x1C13 and 0x1C33 to SM3, and each further one has
+            // an assignment by its number.
+            [(first, _), (second, _), ..] if coe && (first != usual || second < 4) => {
+                let at = device.sync_managers[second].at;
+                let message = format!(
+                    "its {} are in SM{first} and SM{second}; expected SM{usual} and, beside a \
+                     mailbox with CoE, further ones from SM4 on",
+                    word(direction),
+                );
+                return Err(self.stopped(Obstacle::SeveralSyncManagers, at, message));
+            }
+            [first, ..] => first,
         };
         let sm = &device.sync_managers[number];
         let bytes = bytes_of(pdos);
@@ -460,7 +472,9 @@ impl<'f> Import<'f> {
             .and_then(|mailbox| mailbox.coe.as_ref())
             .is_some_and(|coe| coe.pdo_assign);
         let most = sm.max_size.unwrap_or(0).max(sm.default_size);
-        let longest = if has_mailbox { bytes.max(most.into()) } else { bytes };
+        // Three buffers of the most bytes could reach into a further SyncManager.
+        let alone = has_mailbox && further.is_empty();
+        let longest = if alone { bytes.max(most.into()) } else { bytes };
         Ok(Some(Area {
             at: sm.at,
             sync_manager: number as u8,

@@ -112,7 +112,7 @@ pub(super) fn early(name: &str) -> Option<Transition> {
 
 fn is_assignment(command: &InitCommand) -> bool {
     let index = command.object.index;
-    matches!(index, object::OUTPUT_ASSIGNMENT | object::INPUT_ASSIGNMENT)
+    matches!(index, FIRST_ASSIGNMENT..=LAST_ASSIGNMENT)
         || matches!(index, 0x1600..=0x17FF | 0x1A00..=0x1BFF)
 }
 
@@ -232,3 +232,8 @@ fn lay_out(entries: &mut [Entry]) {
 const DIAGNOSIS_HISTORY: u16 = 0x10F3;
 /// Name of an entry without one.
 const NAME: &str = "Written at start";
+
+/// Assignment object of SM2, the first that can have process data beside a mailbox.
+const FIRST_ASSIGNMENT: u16 = object::OUTPUT_ASSIGNMENT;
+/// Assignment object of SM31.
+const LAST_ASSIGNMENT: u16 = 0x1C2F;

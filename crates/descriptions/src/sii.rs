@@ -332,4 +332,33 @@ impl DoubtKind {
             Self::MailboxProtocols => "mailbox-protocols",
         }
     }
+
+    /// What it means, in a sentence.
+    pub const fn means(self) -> &'static str {
+        match self {
+            Self::Checksum => {
+                "The configuration area has a wrong checksum, so the ESC does not load it."
+            }
+            Self::Version => "The version is not 1.",
+            Self::Size => "The size in the header differs from that of the file.",
+            Self::Identity => "Vendor or product code is missing.",
+            Self::HalfWord => "The file ends with half a word.",
+            Self::CategoryCut => "A category ends after the end of the file.",
+            Self::EndMark => "There is no end mark.",
+            Self::ManyCategories => "There are more categories than the limit.",
+            Self::CategoryRepeated => "A category occurs twice.",
+            Self::CategoryLength => "The length of a category is no whole number of records.",
+            Self::StringsCut => "The strings continue after the end of their category.",
+            Self::StringUnprintable => "A string has characters that cannot be printed.",
+            Self::StringMissing => "A text has the number of a missing string.",
+            Self::PdoCut => "The entries of a PDO continue after the end of their category.",
+            Self::PdoSyncManager => "A PDO is assigned to a SyncManager that is not listed.",
+            Self::FmmuUse => "The use of an FMMU is unknown.",
+            Self::SyncManagerType => "The type of a SyncManager is unknown.",
+            Self::MailboxArea => "The mailbox areas of the SyncManagers differ from the header.",
+            Self::MailboxProtocols => {
+                "There are protocols without a mailbox, or a mailbox without protocols."
+            }
+        }
+    }
 }

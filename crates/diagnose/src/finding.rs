@@ -52,11 +52,11 @@ pub(crate) struct Which {
 }
 
 macro_rules! kinds {
-    ($($(#[$doc:meta])* $variant:ident { $($field:ident: $type:ty),* $(,)? } $name:literal $weight:ident;)*) => {
+    ($($(#[doc = $doc:literal])+ $variant:ident { $($field:ident: $type:ty),* $(,)? } $name:literal $weight:ident;)*) => {
         /// A kind of finding, with its figures.
         #[derive(Clone, PartialEq, Debug)]
         pub(crate) enum Kind {
-            $($(#[$doc])* $variant { $($field: $type),* },)*
+            $($(#[doc = $doc])+ $variant { $($field: $type),* },)*
         }
 
         impl Kind {
@@ -79,6 +79,10 @@ macro_rules! kinds {
 
         /// The names of all kinds.
         pub const KINDS: &[&str] = &[$($name),*];
+
+        /// The name of each kind, and what it means.
+        pub const MEANINGS: &[(&str, &str)] =
+            &[$(($name, concat!($($doc),+).trim_ascii_start())),*];
     };
 }
 

@@ -56,7 +56,7 @@ use isocat_captures::reading::{Frame, NoCapture, Reader, Tally};
 
 pub use around::Around;
 use files::Files;
-pub use finding::KINDS;
+pub use finding::{KINDS, MEANINGS};
 pub use measured::{Grid, Measured, Onlooker};
 use observer::Observer;
 pub use report::DiagnoseReport;

@@ -1,5 +1,6 @@
 //! Meaning of a code, object, register, word, mode, symptom or key of a file: looks up the user's
-//! text in the tables of [`isocat_sync::explain`] and [`isocat_segment::keys`].
+//! text in the tables of [`isocat_sync::explain`] and [`isocat_segment::keys`], and in the kinds of
+//! findings, notes and doubts ([`kinds`]).
 //!
 //! A key may occur in several places, and each has its [`Meaning`]. `key object` is the key where
 //! `object` alone is a kind. A bare number may be several things, and each has its [`Meaning`], the
@@ -7,6 +8,7 @@
 //! one.
 
 mod key;
+pub mod kinds;
 mod number;
 mod text;
 
@@ -96,7 +98,8 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
             }
         };
     }
-    if let Some(kind) = kind(what) {
+    let of_kinds = kinds::meanings(what);
+    if let Some(kind) = kind(what).filter(|_| of_kinds.is_empty()) {
         let reason = format!("a number must follow, such as \"{} {}\"", kind.name, kind.example);
         return unknown(reason, understood(None));
     }
@@ -104,6 +107,7 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
     // first.
     let mut of_words: Vec<_> = symptoms::find(what).map(symptom_meaning).into_iter().collect();
     of_words.extend(key::meanings(what));
+    of_words.extend(of_kinds);
     if !of_words.is_empty() {
         return Ok(of_words);
     }
@@ -456,8 +460,13 @@ fn near_word(word: &str) -> String {
         return format!("did you mean \"{near}\"? {hint}, or a symptom");
     }
     let names: Vec<_> = keys::all().map(|place| place.key.name).collect();
-    match nearest(word, &names) {
-        Some(near) => format!("did you mean \"{near}\"? {hint}, or a key of a file"),
+    if let Some(near) = nearest(word, &names) {
+        return format!("did you mean \"{near}\"? {hint}, or a key of a file");
+    }
+    let kinds = kinds::names();
+    let kinds: Vec<_> = kinds.iter().map(String::as_str).collect();
+    match nearest(word, &kinds) {
+        Some(near) => format!("did you mean \"{near}\"? {hint}, or a kind of a finding or doubt"),
         None => hint,
     }
 }
@@ -502,7 +511,8 @@ fn understood(near: Option<String>) -> String {
 const FORMS: &str = "understood: 0x001A (AL status code), 0x06090030 (SDO abort code), 0x1C32:0B \
                      (object), 0x1C32:04=0x0427 (its value), 0x0990 (register), 0x0300 \
                      (AssignActivate), dc-sync0 (mode), modes, \"lost sync\" (symptom), input_shift \
-                     (key of a segment file or a profile); a kind before a number: AL, abort, SoE, \
+                     (key of a segment file or a profile), sync0-in-frame (kind of a finding, \
+                     note or doubt); a kind before a number: AL, abort, SoE, \
                      object, register, AssignActivate, SI4, key";
 
 #[cfg(test)]

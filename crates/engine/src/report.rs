@@ -12,6 +12,7 @@ mod expected;
 #[cfg(target_os = "linux")]
 pub mod interface;
 mod note;
+pub mod op_mode;
 pub mod plant;
 pub mod quality;
 pub mod samples;
@@ -31,6 +32,7 @@ use isocat_sim::Kind;
 use isocat_sync::SyncMode;
 use isocat_wire::AlState;
 pub use note::NoteKind;
+pub use op_mode::OpMode;
 use schemars::JsonSchema;
 use serde::Serialize;
 pub use services::ServiceNote;
@@ -250,6 +252,8 @@ pub struct Device {
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub mode: SyncMode,
+    /// The OpMode of its description; null for a device without.
+    pub op_mode: Option<OpMode>,
     /// Why no higher mode is used; empty if this is the requested or the highest one.
     pub mode_reason: String,
     /// Cycle of its work: SYNC0, bus or its own timer; null if no source states it.
@@ -264,6 +268,13 @@ pub struct Device {
     pub application: String,
     /// Values that its maker does not publish.
     pub assumptions: Vec<Assumption>,
+}
+
+impl Device {
+    /// Its position with its OpMode, if it has one.
+    fn placed_op_mode(&self) -> Option<(usize, &OpMode)> {
+        Some((self.position, self.op_mode.as_ref()?))
+    }
 }
 
 /// One SubDevice in true time.
@@ -442,6 +453,6 @@ impl From<&Doubt> for Assumption {
     fn from(doubt: &Doubt) -> Self {
         let item = format!("description: {}", doubt.kind);
         let why = doubt.what.clone();
-        Self { item, value: String::new(), why, doubt: Some(doubt.kind) }
+        Self { item, value: String::new(), why, doubt: Some(doubt.kind.name()) }
     }
 }

@@ -46,7 +46,7 @@ impl Plan {
             })?;
             let mut report = plan.report(&scenario);
             if suggests {
-                report.suggestion = Some(suggest::suggest(&plan));
+                report.suggestion = Some(suggest::suggest(&plan, &scenario));
             }
             if proves {
                 proof::prove(&plan, &scenario).fill(&mut report);

@@ -22,7 +22,9 @@ fn plan(criterion: &mut Criterion) {
         });
     });
     let plan = Plan::of(&scenario).expect("a plan");
-    group.bench_function("suggestion", |bencher| bencher.iter(|| suggest::suggest(&plan)));
+    group.bench_function("suggestion", |bencher| {
+        bencher.iter(|| suggest::suggest(&plan, &scenario))
+    });
     group.finish();
 }
 

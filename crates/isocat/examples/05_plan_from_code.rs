@@ -22,7 +22,7 @@ fn main() {
         let place = position.map_or("the frames".to_owned(), |at| format!("SubDevice {at}"));
         println!("{cycle}: fits: {}, tightest: {} at {place}", plan.fits(), line.check.name());
         println!("  slack {}, SYNC0 at {:?} of the cycle", line.slack(), plan.timing().sync0);
-        let suggestion = suggest(&plan);
+        let suggestion = suggest(&plan, &scenario);
         println!("  smallest cycle that fits: {:?}", suggestion.smallest_cycle_ns.map(Nanos));
     }
 }

@@ -255,7 +255,7 @@ fn the_plan_names_it_and_its_smallest_cycle_leaves_the_time() {
     let scenario = ideal("1ms", "mode = \"dc-sync0\"\npulse = \"0ns\"\nacknowledge = \"700us\"");
     let plan = Plan::of(&scenario).expect("a plan");
     let mut report = plan.report(&scenario);
-    report.suggestion = Some(isocat::plan::suggest::suggest(&plan));
+    report.suggestion = Some(isocat::plan::suggest::suggest(&plan, &scenario));
     assert_eq!(report.devices[0].acknowledge_ns, Some(700_000));
     assert!(report.text().contains("acknowledged after 700 us"), "{}", report.text());
     let smallest = report.suggestion.and_then(|found| found.smallest_cycle_ns);

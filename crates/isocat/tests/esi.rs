@@ -8,14 +8,15 @@ use std::time::{Duration, Instant};
 use isocat::esi::{Direction, Encoding, EsiFile, Purpose, WarningKind};
 use isocat::plan::Plan;
 use isocat::profile::{Obstacle, Profile, RunAs};
+use isocat::report::OpMode;
 use isocat::segment_file::FileError;
 use isocat::{Nanos, Scenario, SegmentFile, run};
 use isocat_sync::SyncMode;
-use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::dc::AssignActivate;
 use isocat_wire::sii::{self, SmRecord, category};
+use isocat_wire::{ObjectAddress, PortNumber};
 
 const BOX: &str = include_str!("esi/box.xml");
 
@@ -276,7 +277,7 @@ fn a_segment_of_described_devices_comes_up() {
         ("revision", "the newest of 2"),
         ("first-opmode-without-dc", ""),
     ] {
-        let told = notes.iter().any(|note| note.kind == kind && note.what.starts_with(what));
+        let told = notes.iter().any(|note| note.kind.name() == kind && note.what.starts_with(what));
         assert!(told, "{kind}: {notes:#?}");
     }
     let report = run(&Scenario::from(file));
@@ -399,7 +400,7 @@ fn drive_segment(text: &str, keys: &str) -> Result<SegmentFile, FileError> {
 
 /// Names of the notes on the one device.
 fn noted(file: &SegmentFile) -> Vec<&'static str> {
-    file.subdevices[0].notes.iter().map(|note| note.kind).collect()
+    file.subdevices[0].notes.iter().map(|note| note.kind.name()).collect()
 }
 
 #[test]
@@ -432,7 +433,7 @@ fn a_profile_of_a_channel_makes_a_drive() {
     let file = drive_segment(&text, "").unwrap();
     let note = file.subdevices[0].notes.last().unwrap();
     assert!(
-        note.kind == "drive-not-enabled" && note.what.contains("lack 0x607A of 32"),
+        note.kind.name() == "drive-not-enabled" && note.what.contains("lack 0x607A of 32"),
         "{note:?}"
     );
 }
@@ -464,7 +465,7 @@ fn a_mode_that_the_op_mode_is_not_for_is_refused() {
     let file = drive_segment(BOX, "mode = \"sm\"").unwrap();
     assert_eq!(file.subdevices[0].mode, Some(SyncMode::SmSynchronous));
     let note = &file.subdevices[0].notes[0];
-    assert!(note.kind == "mode" && note.what.starts_with("\"sm\" as asked for"), "{note:?}");
+    assert!(note.kind.name() == "mode" && note.what.starts_with("\"sm\" as asked for"), "{note:?}");
 }
 
 #[test]
@@ -502,6 +503,36 @@ fn a_plan_says_how_it_read_the_description() {
     let report = Plan::of(&built_in).unwrap().report(&built_in);
     assert!(report.devices.iter().all(|device| device.description.is_empty()));
     assert!(!report.text().contains("as it was read"));
+}
+
+/// Plan and run name the OpMode that each device runs in, as text and for programs.
+#[test]
+fn reports_name_the_op_mode() {
+    let file = drive_segment(BOX, "opmode = 1").unwrap();
+    let mut scenario = Scenario::from(file);
+    let op_mode = |number, name: &str| Some(OpMode { number, name: name.to_owned() });
+    let plan = Plan::of(&scenario).unwrap().report(&scenario);
+    assert_eq!(plan.devices[0].op_mode, op_mode(1, "DC"));
+    let text = plan.text();
+    assert!(text.contains("\nSubDevice 0 (Drive 0), dc-sync0 by OpMode \"DC\": SYNC0"), "{text}");
+    let report = run(&scenario);
+    assert_eq!(report.devices[0].op_mode, op_mode(1, "DC"));
+    assert!(report.text().contains("\n  OpMode \"DC\": 0\n"), "{}", report.text());
+    let json = serde_json::to_value(&report).unwrap();
+    assert_eq!(json["devices"][0]["op_mode"], serde_json::json!({ "name": "DC", "number": 1 }));
+
+    // A table names each OpMode once; devices without stand in no list.
+    let mut all = drive_segment(BOX, "opmode = 0\ncount = 3").unwrap().subdevices;
+    all.extend(drive_segment(BOX, "opmode = 1\ncount = 3").unwrap().subdevices);
+    all.extend(SegmentFile::built_in().subdevices);
+    for (position, device) in all.iter_mut().enumerate() {
+        device.place.upstream = position.checked_sub(1).map(|above| (above, PortNumber::P1));
+    }
+    scenario.devices = all;
+    let plan = Plan::of(&scenario).unwrap().report(&scenario);
+    assert_eq!(plan.devices.last().unwrap().op_mode, None);
+    let text = plan.text();
+    assert!(text.contains("\n  OpMode \"Synchron\": 0 to 2; OpMode \"DC\": 3 to 5\n"), "{text}");
 }
 
 #[test]

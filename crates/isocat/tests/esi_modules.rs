@@ -132,7 +132,8 @@ fn modules_that_are_for_an_opmode_choose_it() {
     let mode = |keys: &str| {
         let segment = parse(keys).unwrap();
         let notes = segment.subdevices[0].notes.iter();
-        let note = notes.filter(|note| note.kind == "module-opmode").map(|note| note.what.clone());
+        let note =
+            notes.filter(|note| note.kind.name() == "module-opmode").map(|note| note.what.clone());
         (segment.subdevices[0].mode.unwrap().uses_dc(), note.collect::<Vec<_>>())
     };
     const COUNTER: &str = r#"modules = ["DI8", { slot = 6, module = "Counter" }]"#;
@@ -262,10 +263,10 @@ fn what_two_modules_both_have_is_told() {
     let segment = rack(r#"["Fixed", "Fixed"]"#);
     assert_eq!(segment.subdevices[0].profile.assignment.inputs, [0x1AFF, 0x1AF0]);
     let notes = &segment.subdevices[0].notes;
-    let note = notes.iter().find(|note| note.kind == "module-index-repeated").unwrap();
+    let note = notes.iter().find(|note| note.kind.name() == "module-index-repeated").unwrap();
     assert_eq!(note.what, "PDO 0x1AF0 of \"Fixed\" at place 1 stands before, too");
     // What was doubtful about the default modules is not told of these.
-    assert!(notes.iter().all(|note| note.kind != "slot-module-assumed"), "{notes:?}");
+    assert!(notes.iter().all(|note| note.kind.name() != "slot-module-assumed"), "{notes:?}");
 }
 
 #[test]

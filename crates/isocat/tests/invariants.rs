@@ -146,6 +146,7 @@ const ARROWS: [(&str, &[&str]); 22] = [
             "segment",
             "recorders",
             "captures",
+            "diagnose",
             "conform",
         ],
     ),

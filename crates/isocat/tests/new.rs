@@ -54,6 +54,89 @@ fn of_types_and_profiles() {
     assert!(file.subdevices[0].mode.is_some_and(|mode| mode.name().starts_with("dc")));
 }
 
+/// A copy of a description with other words, in the folder of this test.
+fn description(name: &str, of: &str, words: &[(&str, &str)]) -> String {
+    let mut description = std::fs::read_to_string(of).expect("readable");
+    for (old, new) in words {
+        assert!(description.contains(old), "{old}");
+        description = description.replacen(old, new, 1);
+    }
+    let path = scratch(name);
+    std::fs::write(&path, description).expect("writable");
+    path
+}
+
+/// A type that stands for two products: the one taken is said, with the other, in the file and on
+/// the screen; the key for it takes either.
+#[test]
+fn a_type_of_several_products() {
+    let second = "<Type ProductCode=\"#x00000101\" RevisionNo=\"#x00000001\">Drive</Type>";
+    let other = second.replace("101", "103").replace("#x00000001", "#x00010000");
+    let xml = description("products.xml", BOX, &[(second, &other)]);
+    let path = scratch("products.toml");
+    let output = isocat(&["new", "--esi", &xml, "Drive", "--out", &path]);
+    let said = text(&output.stderr);
+    let words = "has several products called Drive: 0x00000103 (Drive, old) is taken";
+    assert!(said.contains(words) && said.contains("0x00000101 (Drive with everything"), "{said}");
+    let file = std::fs::read_to_string(&path).expect("written");
+    let key =
+        "product = 0x00000103    # or 0x00000101 (Drive with everything, revision 0x00010000)\n";
+    assert!(file.contains(key), "{file}");
+    for (product, code) in [(0x103, "0x00000103"), (0x101, "0x00000101")] {
+        let chosen = file.replace("product = 0x00000103", &format!("product = {code}"));
+        let chosen = match product {
+            // The description of the second one has nothing but its name.
+            0x103 => chosen,
+            _ => chosen.replace("opmode", "# opmode"),
+        };
+        let segment = SegmentFile::parse(&path, &chosen).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(segment.subdevices[0].profile.identity.product_code, product);
+    }
+}
+
+/// Other revisions of the type stand behind the one that is taken.
+#[test]
+fn a_type_of_several_revisions() {
+    made(&["--esi", BOX, "Drive"], "revisions.toml");
+    let file = std::fs::read_to_string(scratch("revisions.toml")).expect("written");
+    assert!(file.contains("revision = 0x00010000    # or 0x00000001\n"), "{file}");
+    assert!(!file.contains("product ="), "{file}");
+}
+
+/// What stands in the slots is a comment that can be used as it is, with what each slot takes.
+#[test]
+fn a_modular_device_offers_its_modules() {
+    let rack = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/esi/rack.xml");
+    let before = made(&["--esi", rack], "rack.toml");
+    let path = scratch("rack.toml");
+    let file = std::fs::read_to_string(&path).expect("written");
+    let comments = file.lines().filter_map(|line| line.strip_prefix("# "));
+    let line = comments.clone().find(|line| line.starts_with("modules = [")).expect("a line");
+    assert!(comments.clone().any(|line| line.starts_with("  slot \"Digital\" (places ")), "{file}");
+    let used = file.replace(&format!("# {line}"), line);
+    let after = SegmentFile::parse(&path, &used).unwrap_or_else(|error| panic!("{error}"));
+    let image = |file: &SegmentFile| file.subdevices[0].profile.assignment.clone();
+    if line.contains("as they are taken now") {
+        assert_eq!(image(&after), image(&before));
+    }
+    // Whatever a slot is said to take can be chosen.
+    let other = file.replace(&format!("# {line}"), "modules = [\"DI16\", \"DI8\"]");
+    let other = SegmentFile::parse(&path, &other).unwrap_or_else(|error| panic!("{error}"));
+    assert_ne!(image(&other), image(&before));
+}
+
+/// A device whose OpMode takes one cycle only decides the cycle of the file.
+#[test]
+fn a_fixed_sync0_decides_the_cycle() {
+    for (sync0, cycle) in [("2000000", 2_000_000), ("3000000", 3_000_000)] {
+        let old = "<CycleTimeSync0 Factor=\"1\">0</CycleTimeSync0>";
+        let new = format!("<CycleTimeSync0>{sync0}</CycleTimeSync0>");
+        let xml = description(&format!("fixed-{sync0}.xml"), BOX, &[(old, &new)]);
+        let file = made(&["--esi", &xml, "Drive"], &format!("fixed-{sync0}.toml"));
+        assert_eq!(file.cycle.0, cycle);
+    }
+}
+
 #[test]
 fn terminals_get_a_coupler_where_a_cable_leads_to_them() {
     let el = "beckhoff_el2502-0010";

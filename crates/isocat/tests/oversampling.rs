@@ -405,7 +405,7 @@ fn several_values_at_one_sync0_are_a_doubt() {
         let scenario = scenario(&description(false, 16, 2, sync0), "1ms", "");
         let device = &scenario.devices[SAMPLER];
         assert_eq!(device.profile.sampling, None);
-        let told = device.notes.iter().find(|note| note.kind == "oversampling");
+        let told = device.notes.iter().find(|note| note.kind.name() == "oversampling");
         assert!(told.is_some_and(|note| note.what.contains(words)), "{:?}", device.notes);
         assert!(watch(&scenario).1.in_sync);
     }
@@ -414,7 +414,11 @@ fn several_values_at_one_sync0_are_a_doubt() {
         let scenario = scenario(&description(false, 16, 1, sync0), "1ms", "");
         let device = &scenario.devices[SAMPLER];
         assert_eq!(device.profile.sampling.is_some(), sampled);
-        assert!(device.notes.iter().all(|note| note.kind != "oversampling"), "{:?}", device.notes);
+        assert!(
+            device.notes.iter().all(|note| note.kind.name() != "oversampling"),
+            "{:?}",
+            device.notes
+        );
     }
 }
 

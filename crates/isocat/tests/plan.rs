@@ -320,7 +320,7 @@ fn the_suggestion_is_the_best_there_is() {
     for text in [SegmentFile::built_in_text(), TREE, LINE, MODES] {
         let mut scenario = scenario(text);
         let plan = Plan::of(&scenario).expect("a plan");
-        let found = suggest::suggest(&plan);
+        let found = suggest::suggest(&plan, &scenario);
         let (shift, slack) = (found.shift_ns.expect("DC"), found.slack_ns.expect("DC"));
         scenario.shift = Some(Nanos(shift));
         let report = report(&scenario);
@@ -339,7 +339,10 @@ fn the_suggestion_is_the_best_there_is() {
             };
             plan.with(wished).is_ok_and(|plan| plan.fits())
         };
-        assert!(at(smallest) && !at(smallest - found.cycle_step_ns), "{smallest}");
+        assert!(
+            at(smallest) && !at(smallest - found.cycles.as_ref().expect("cycles").step_ns),
+            "{smallest}"
+        );
     }
 }
 
@@ -498,7 +501,7 @@ fn golden(name: &str, text: &str) {
 fn the_plan_in_words() {
     let built_in = built_in();
     let mut plan = report(&built_in);
-    plan.suggestion = Some(suggest::suggest(&Plan::of(&built_in).expect("a plan")));
+    plan.suggestion = Some(suggest::suggest(&Plan::of(&built_in).expect("a plan"), &built_in));
     golden("built_in", &plan.text());
     golden("modes", &report(&scenario(MODES)).text());
     golden("line", &report(&scenario(LINE)).text());

@@ -73,6 +73,52 @@ fn of_a_description() {
     assert_eq!(run(&written), (IN_SYNC.to_owned(), Some(0)));
 }
 
+/// What a description does not state is unknown in the profile, or named as assumed where something
+/// must be there, and is read back as that.
+#[test]
+fn what_a_description_does_not_state() {
+    let mut description = std::fs::read_to_string(BOX).expect("readable");
+    for (old, new) in [
+        ("<Info><DefaultData>90d00300</DefaultData></Info>", "<Info/>"),
+        ("<Info><DefaultData>0700</DefaultData></Info>", "<Info/>"),
+        ("<Info><DefaultValue>30000</DefaultValue></Info>", "<Info/>"),
+    ] {
+        assert!(description.contains(old), "{old}");
+        description = description.replacen(old, new, 1);
+    }
+    let xml = write("not-stated.xml", &description);
+    let (path, notes) = made(&[&xml, "--type", "Drive", "--opmode", "DC"], "not-stated.toml");
+    let profile = std::fs::read_to_string(&path).expect("a file");
+    for row in [
+        "[0x05, \"UNSIGNED32\", \"ro\", \"unknown\", ",
+        "[0x06, \"UNSIGNED32\", \"ro\", \"unknown\", ",
+        "what = \"identity.hardware_version\"",
+        "what = \"identity.software_version\"",
+    ] {
+        assert!(profile.contains(row), "{row}: {profile}");
+    }
+    // 0x1000 is stated, and 0x2000:03 is unknown.
+    assert!(!profile.contains("identity.device_type"), "{profile}");
+    assert!(
+        profile.contains("[0x03, ") && profile.contains("what = \"1C32:04\""),
+        "{profile}\n{notes}"
+    );
+
+    let read = isocat::profile::Profile::from_toml(&path, &profile).expect("it was written");
+    let assumed: Vec<_> = read.assumptions.iter().map(|a| (&*a.item, &*a.value)).collect();
+    for item in [("0x1C32:05", "unknown"), ("0x1C32:06", "unknown"), ("0x1C32:09", "unknown")] {
+        let is_there = item.0 != "0x1C32:09";
+        assert_eq!(assumed.contains(&item), is_there, "{item:?}: {assumed:?}");
+    }
+    let stated = read.sync_parameters(0x1C32).expect("the object");
+    let zero = Some(isocat::Nanos::ZERO);
+    assert_eq!((stated.minimum_cycle_time, stated.calc_and_copy_time), (zero, zero), "as read");
+    assert_eq!(
+        run(&segment("not-stated-segment.toml", &format!("device = \"{path}\""))),
+        (IN_SYNC.to_owned(), Some(0))
+    );
+}
+
 #[test]
 fn an_op_mode_by_its_name_or_its_number() {
     let list = text(&isocat(&["devices", BOX]).stdout);

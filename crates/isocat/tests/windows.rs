@@ -172,7 +172,8 @@ fn an_edge_of_a_latch_pin_has_its_time_in_the_process_image() {
 #[test]
 fn the_next_sync0_is_read_and_the_sync_unit_stays_the_plans() {
     let file = segment("next", FILE, &[NEXT]);
-    let notes: Vec<_> = file.subdevices[0].profile.doubts.iter().map(|doubt| doubt.kind).collect();
+    let notes: Vec<_> =
+        file.subdevices[0].profile.doubts.iter().map(|doubt| doubt.kind.name()).collect();
     assert_eq!(notes, ["window-not-mapped"]);
     let told = &file.subdevices[0].profile.doubts[0].what;
     assert!(told.starts_with("SyncManager 1, a window of outputs on 0x0981,"), "{told}");
@@ -312,7 +313,7 @@ fn windows_that_are_left_out() {
         let doubts = file.subdevices[0].profile.doubts.clone();
         let report = run(&Scenario::from(file.clone()));
         assert!(report.in_sync, "{}", report.text());
-        let told: Vec<_> = doubts.iter().filter(|d| d.kind == "window-not-mapped").collect();
+        let told: Vec<_> = doubts.iter().filter(|d| d.kind.name() == "window-not-mapped").collect();
         (
             told.iter().map(|doubt| doubt.what.clone()).collect::<Vec<_>>(),
             written(&start_up(file)).1,

@@ -43,9 +43,9 @@ pub(crate) async fn read(
         }
     };
     let outputs = config.and_then(|config| config.outputs.as_deref());
-    device.outputs.pdos = pdos(mailbox, device, OUTPUT_ASSIGNMENT, outputs).await?;
+    process_data(mailbox, device, OUTPUTS, outputs).await?;
     let inputs = config.and_then(|config| config.inputs.as_deref());
-    device.inputs.pdos = pdos(mailbox, device, INPUT_ASSIGNMENT, inputs).await?;
+    process_data(mailbox, device, INPUTS, inputs).await?;
     device.output_sync = sync_object(mailbox, device, OUTPUT_PARAMETER).await?;
     device.input_sync = sync_object(mailbox, device, INPUT_PARAMETER).await?;
     Ok(())
@@ -60,14 +60,10 @@ pub(crate) async fn look(mailbox: &mut Mailbox, device: &mut SubDevice) -> Vec<C
         failed(cause);
         Vec::new()
     });
-    for index in [OUTPUT_ASSIGNMENT, INPUT_ASSIGNMENT] {
-        let pdos = pdos(mailbox, device, index, None).await.unwrap_or_else(|cause| {
+    for kind in [OUTPUTS, INPUTS] {
+        if let Err(cause) = process_data(mailbox, device, kind, None).await {
             failed(cause);
-            Vec::new()
-        });
-        let data =
-            if index == OUTPUT_ASSIGNMENT { &mut device.outputs } else { &mut device.inputs };
-        data.pdos = pdos;
+        }
     }
     for index in [OUTPUT_PARAMETER, INPUT_PARAMETER] {
         let object = sync_object(mailbox, device, index).await.unwrap_or_else(|cause| {
@@ -156,17 +152,76 @@ async fn sm_types(mailbox: &mut Mailbox, device: &SubDevice) -> Result<Vec<u8>, 
     Ok(types)
 }
 
-/// Reads the PDOs assigned to 0x1C12 or 0x1C13 with their mappings, after writing the configured
-/// assignment. Missing information is taken from the SII, if the SII has it.
+/// Reads the PDOs of a direction, after writing the configured assignment of its first SyncManager.
+/// Further SyncManagers of the direction have assignments of their own, which are taken as they
+/// are; those without PDOs stay off.
+async fn process_data(
+    mailbox: &mut Mailbox,
+    device: &mut SubDevice,
+    kind: u8,
+    wanted: Option<&[u16]>,
+) -> Result<(), Cause> {
+    let data = if kind == OUTPUTS { &mut device.outputs } else { &mut device.inputs };
+    (data.pdos, data.further) = (Vec::new(), Vec::new());
+    let (first, behind) = sync_managers(device, kind);
+    let index = if kind == OUTPUTS { OUTPUT_ASSIGNMENT } else { INPUT_ASSIGNMENT };
+    let is_first = |sm: u8| !behind.contains(&sm);
+    let mut all = pdos(mailbox, device, index, kind, is_first, wanted).await?;
+    let mut further = Vec::new();
+    for sync_manager in behind.iter().copied() {
+        let index = FIRST_ASSIGNMENT + u16::from(sync_manager);
+        let is_own = |sm: u8| sm == sync_manager;
+        let own = pdos(mailbox, device, index, kind, is_own, None).await?;
+        let bits: u32 = own.iter().map(Pdo::bits).sum();
+        if bits > 0 {
+            further.push(Guarded {
+                sync_manager,
+                start: device.sii.sync_managers[usize::from(sync_manager)].start,
+                length: u16::try_from(bits.div_ceil(8)).unwrap_or(u16::MAX),
+                pdos: own.len(),
+                window: false,
+            });
+            all.extend(own);
+        }
+    }
+    let data = if kind == OUTPUTS { &mut device.outputs } else { &mut device.inputs };
+    if !further.is_empty() {
+        data.sync_manager = first;
+    }
+    (data.pdos, data.further) = (all, further);
+    Ok(())
+}
+
+/// The first SyncManager of a direction by 0x1C00, and those behind it that can be used: the SII
+/// says where they are, and their assignment is not that of the other direction.
+fn sync_managers(device: &SubDevice, kind: u8) -> (Option<u8>, Vec<u8>) {
+    let of_kind = (0..).zip(&device.sm_types).filter(|(_, found)| **found == kind);
+    let mut numbers = of_kind.map(|(number, _): (u8, _)| number);
+    let first = numbers.next();
+    let usable = |number: &u8| {
+        let record = device.sii.sync_managers.get(usize::from(*number));
+        let index = FIRST_ASSIGNMENT + u16::from(*number);
+        record.is_some_and(|record| !record.is_window())
+            && ![OUTPUT_ASSIGNMENT, INPUT_ASSIGNMENT].contains(&index)
+    };
+    (first, numbers.filter(usable).collect())
+}
+
+/// Reads the PDOs of an assignment with their mappings, after writing the configured one. Missing
+/// information is taken from the SII, if the SII has it: the PDOs of the SyncManagers that `is_own`
+/// names.
 async fn pdos(
     mailbox: &mut Mailbox,
     device: &mut SubDevice,
     index: u16,
+    kind: u8,
+    is_own: impl Fn(u8) -> bool + Send + Sync,
     wanted: Option<&[u16]>,
 ) -> Result<Vec<Pdo>, Cause> {
-    let of_sii = |device: &SubDevice| match index {
-        OUTPUT_ASSIGNMENT => device.sii.rx_pdos.clone(),
-        _ => device.sii.tx_pdos.clone(),
+    let of_sii = |device: &SubDevice| {
+        let all = if kind == OUTPUTS { &device.sii.rx_pdos } else { &device.sii.tx_pdos };
+        let own = |pdo: &&SiiPdo| pdo.record.sm == NO_SYNC_MANAGER || is_own(pdo.record.sm);
+        all.iter().filter(own).cloned().collect::<Vec<_>>()
     };
     let mut assigned = match assignment(mailbox, device, index).await {
         Ok(assigned) => assigned,
@@ -220,7 +275,7 @@ async fn pdos(
     Ok(pdos)
 }
 
-/// Reads the indices in 0x1C12 or 0x1C13; `None` if there is no such object, so that the SII has
+/// Reads the indices in an assignment; `None` if there is no such object, so that the SII has
 /// the fixed assignment.
 async fn assignment(
     mailbox: &mut Mailbox,
@@ -428,6 +483,8 @@ pub(crate) fn sdo(device: &SubDevice, object: ObjectAddress, error: SdoError) ->
 /// The error counters of the sync objects, and the sync error flag.
 const COUNTERS: [u8; 4] =
     [sub::SM_EVENT_MISSED, sub::CYCLE_TIME_TOO_SMALL, sub::SHIFT_TIME_TOO_SHORT, sub::SYNC_ERROR];
+/// Assignment object of SM0; that of SM n is n behind it.
+const FIRST_ASSIGNMENT: u16 = 0x1C10;
 /// SyncManager number of a PDO that is not assigned by default.
 const NO_SYNC_MANAGER: u8 = 0xFF;
 /// Most SyncManagers of an ESC.

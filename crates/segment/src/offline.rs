@@ -3,13 +3,13 @@
 
 use isocat_esc::chip::{Chip, DcUnits};
 use isocat_maindevice::segment::{
-    DcCapability, EscInformation, Identity, OperationMode, Pdo, PdoEntry, Sii, SiiPdo, SyncEntry,
-    SyncObject,
+    DcCapability, EscInformation, Guarded, Identity, OperationMode, Pdo, PdoEntry, ProcessData,
+    Sii, SiiPdo, SyncEntry, SyncObject,
 };
 use isocat_maindevice::written::Bits;
 use isocat_maindevice::{Segment, SubDevice};
 use isocat_sim::{Cable, Direction};
-use isocat_subdevice::description::Description;
+use isocat_subdevice::description::{Description, ProcessDataArea};
 use isocat_sync::object::{INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER};
 use isocat_sync::way::{Cabled, Way, propagation};
 use isocat_wire::StationAddress;
@@ -138,6 +138,9 @@ fn subdevice(position: usize, file: &segment_file::SubDevice) -> SubDevice {
     if device.has_coe() {
         device.outputs.pdos = pdos(profile, OUTPUT_ASSIGNMENT, outputs);
         device.inputs.pdos = pdos(profile, INPUT_ASSIGNMENT, inputs);
+        let Description { outputs, inputs, further_outputs, further_inputs, .. } = description;
+        further(&mut device.outputs, profile, *outputs, further_outputs);
+        further(&mut device.inputs, profile, *inputs, further_inputs);
         device.output_sync = sync_object(description, OUTPUT_PARAMETER);
         device.input_sync = sync_object(description, INPUT_PARAMETER);
     }
@@ -165,7 +168,7 @@ fn clock(chip: &Chip, configuration: u8) -> DcCapability {
 pub(crate) fn process_data(file: &segment_file::SubDevice) -> [Vec<Pdo>; 2] {
     let device = subdevice(0, file);
     if device.has_coe() {
-        return [device.outputs.pdos, device.inputs.pdos];
+        return [whole_bytes(&device.outputs), whole_bytes(&device.inputs)];
     }
     let records = &device.sii.sync_managers;
     let is_window = |sm: u8| records.get(usize::from(sm)).is_some_and(SmRecord::is_window);
@@ -180,6 +183,25 @@ pub(crate) fn process_data(file: &segment_file::SubDevice) -> [Vec<Pdo>; 2] {
         .map(|pdos| pdos.iter().filter(assigned).map(pdo).collect())
 }
 
+/// The PDOs of a direction as they lie in the process image: with padding behind those of each
+/// SyncManager but the last, since the next one begins with a whole byte.
+fn whole_bytes(data: &ProcessData) -> Vec<Pdo> {
+    let mut at = 0;
+    let further = data.further.iter().map(|guarded| guarded.pdos);
+    let first = data.pdos.len() - further.clone().sum::<usize>();
+    let mut all: Vec<Pdo> = Vec::new();
+    for count in std::iter::once(first).chain(further) {
+        let bits: u32 = all.iter().map(Pdo::bits).sum();
+        let padding = (bits.next_multiple_of(8) - bits) as u8;
+        if padding > 0 {
+            all.push(Pdo { index: 0, entries: vec![PdoEntry { index: 0, sub: 0, bits: padding }] });
+        }
+        all.extend_from_slice(&data.pdos[at..at + count]);
+        at += count;
+    }
+    all
+}
+
 /// The bits of an object in these PDOs, with a sign.
 pub(crate) fn bits_of(pdos: &[Pdo], index: u16, sub: u8) -> Option<Bits> {
     let mut at = 0;
@@ -190,6 +212,29 @@ pub(crate) fn bits_of(pdos: &[Pdo], index: u16, sub: u8) -> Option<Bits> {
         at += u32::from(entry.bits);
     }
     None
+}
+
+/// Adds the SyncManagers behind the first one of a direction, each with the PDOs of its own
+/// assignment.
+fn further(
+    data: &mut ProcessData,
+    profile: &Profile,
+    first: ProcessDataArea,
+    behind: &[ProcessDataArea],
+) {
+    for area in behind {
+        let own = pdos(profile, FIRST_ASSIGNMENT + u16::from(area.sync_manager), &[]);
+        let bits: u32 = own.iter().map(Pdo::bits).sum();
+        data.sync_manager = Some(first.sync_manager);
+        data.further.push(Guarded {
+            sync_manager: area.sync_manager,
+            start: area.start,
+            length: u16::try_from(bits.div_ceil(8)).unwrap_or(u16::MAX),
+            pdos: own.len(),
+            window: false,
+        });
+        data.pdos.extend(own);
+    }
 }
 
 /// The PDOs that will be assigned, with their mapping; those of power-on if none are requested.
@@ -248,6 +293,8 @@ fn sync_object(description: &Description, index: u16) -> Option<SyncObject> {
     Some(object)
 }
 
+/// Assignment object of SM0; that of SM n is n behind it.
+const FIRST_ASSIGNMENT: u16 = 0x1C10;
 /// In the SII: a PDO without a SyncManager by default.
 const NO_SYNC_MANAGER: u8 = 0xFF;
 /// First station address of a scan.

@@ -95,6 +95,7 @@ use isocat_wire::{ObjectAddress, PortNumber};
 
 mod check;
 mod dictionary;
+mod doubt;
 mod draft;
 mod drive;
 mod esi;
@@ -109,7 +110,8 @@ mod tests;
 mod unknown;
 mod write;
 
-pub use esi::{Doubt, NotSimulated, Obstacle, RunAs};
+pub use doubt::{Doubt, DoubtKind};
+pub use esi::{NotSimulated, Obstacle, RunAs, TakenOpMode};
 pub use found::{Found, FoundArea, FoundEntry};
 pub use isocat_descriptions::document::{FileError, FilePlace, name_hint};
 pub use keys::FILE;

@@ -143,6 +143,17 @@ impl Scenario {
         }
     }
 
+    /// The same segment at another bus cycle, with the phase left to the plan. Devices that are
+    /// slower than the bus keep their ratio to it. `None`: a device can't run at it.
+    pub fn at_cycle(&self, bus: Nanos) -> Option<Self> {
+        let at = |device: &SubDevice| {
+            let times = device.cycle.map(|own| own.0 / self.cycle.0);
+            device.at_cycle(times.map(|times| Nanos(times * bus.0)), bus)
+        };
+        let devices = self.devices.iter().map(at).collect::<Option<_>>()?;
+        Some(Self { cycle: bus, shift: None, devices, ..self.clone() })
+    }
+
     /// The configuration of the MainDevice.
     pub fn config(&self) -> Config {
         let mut config = Config::new(self.cycle);

@@ -63,9 +63,9 @@ use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
 use crate::chips;
-use crate::profile::Doubt;
-use crate::profile::Profile;
+use crate::profile::{Doubt, Profile, TakenOpMode};
 
+mod another_cycle;
 mod clock;
 mod esi;
 mod expect;
@@ -83,6 +83,7 @@ mod subdevice;
 mod tests;
 mod tree;
 
+pub use another_cycle::Asked;
 pub use clock::Clock;
 pub use fault::Faults;
 pub use isocat_descriptions::document::{FileError, name_hint};
@@ -201,8 +202,10 @@ pub struct SubDevice {
     /// Cycle of SYNC0, for the mode "dc-subordinated". Key `sync0_cycle`; `None`: the value of
     /// 0x1C32:0A.
     pub sync0_cycle: Option<Nanos>,
-    /// Values for its registers 0x0980 and 0x0981, from the OpMode of its `esi` file; `None`
+    /// The OpMode of its description. Key `opmode`, or the one that suits; `None` for a device
     /// without.
+    pub op_mode: Option<TakenOpMode>,
+    /// Values for its registers 0x0980 and 0x0981, from its OpMode; `None` without.
     pub unit: Option<AssignActivate>,
     /// Times from an earlier measurement by the device. Table `measured_times`.
     pub measured: MeasuredTimes,
@@ -212,6 +215,8 @@ pub struct SubDevice {
     pub arrives: Nanos,
     /// Doubts about a device from an ESI file: `name: words`.
     pub notes: Vec<Doubt>,
+    /// Its keys that stand for themselves, whatever its OpMode says.
+    pub asked: Asked,
     /// First line of its table in the file, for messages.
     pub line: usize,
 }

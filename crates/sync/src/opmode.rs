@@ -4,11 +4,13 @@
 //! does not know. [`OpMode::registers`] resolves it for one bus cycle and names every [`Warning`]:
 //! many published files contain values that contradict each other, and each such case has one
 //! defined answer here. A value that cannot be written to a register is a [`Problem`].
+//! [`OpMode::bus_cycles`] are the bus cycles at which the pulses repeat with the bus.
 //!
 //! The ESC defines the relation between 0x09A0 (R0) and 0x09A4 (R1): SYNC1 comes R1 after a SYNC0,
 //! and the next SYNC1 comes R1 after the first SYNC0 that follows. So SYNC1 repeats after N =
 //! floor(R1 / R0) + 1 cycles of SYNC0.
 
+mod bus_cycles;
 mod warning;
 
 use core::fmt;
@@ -16,7 +18,8 @@ use core::fmt;
 use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
-pub use warning::{Warning, Warnings};
+pub use bus_cycles::BusCycles;
+pub use warning::{Warning, WarningKind, Warnings};
 
 use crate::mode::SyncMode;
 use crate::pulses::Pulses;
@@ -143,10 +146,7 @@ impl OpMode {
         }
         let sync0_cycle = self.sync0_cycle(bus, unit, &mut warnings)?;
         let sync1 = self.sync1(bus, sync0_cycle, &mut warnings)?;
-        let count = match word.makes_sync1() {
-            true => sync1 / sync0_cycle + 1,
-            false => 1,
-        };
+        let count = self.count(sync0_cycle, sync1);
         let shift = self.shift(sync0_cycle)?;
         let registers = Registers {
             assign_activate: word,
@@ -266,6 +266,15 @@ impl OpMode {
             warnings.push(Warning::Sync1Period { wanted: nanos(period), found: nanos(found) });
         }
         u32::try_from(register).map_err(|_| too_long(register))
+    }
+
+    /// Computes N of R0 and R1.
+    fn count(&self, sync0_cycle: u32, sync1: u32) -> u32 {
+        match self.assign_activate.makes_sync1() {
+            // 1 ns and 2^32 - 1 ns would be 2^32 cycles; one less makes no difference.
+            true => (sync1 / sync0_cycle).saturating_add(1),
+            false => 1,
+        }
     }
 
     /// Computes s0.

@@ -25,15 +25,23 @@ impl fmt::Display for Warning {
 }
 
 macro_rules! kinds {
-    ($($(#[doc = $doc:literal])* $kind:ident = $name:literal;)*) => {
+    ($($(#[doc = $doc:literal])+ $kind:ident = $name:literal;)*) => {
         /// The kinds of [`Warning`]; their names are stable.
         #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-        pub enum WarningKind { $($(#[doc = $doc])* $kind,)* }
+        pub enum WarningKind { $($(#[doc = $doc])+ $kind,)* }
 
         impl WarningKind {
+            /// All kinds.
+            pub const ALL: &[WarningKind] = &[$(Self::$kind,)*];
+
             /// The name, in words joined by dashes.
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$kind => $name,)* }
+            }
+
+            /// What it means, in a sentence or two.
+            pub const fn means(self) -> &'static str {
+                match self { $(Self::$kind => concat!($($doc),+).trim_ascii_start(),)* }
             }
         }
     };

@@ -12,7 +12,7 @@ use isocat_wire::time::Nanos;
 
 use super::report::*;
 use super::{Plan, warnings};
-use crate::report::Ring;
+use crate::report::{OpMode, Ring};
 
 impl Plan {
     /// The plan as a document.
@@ -145,6 +145,7 @@ impl Plan {
             profile: file.profile.id.clone(),
             description: file.notes.iter().map(Doubt::from).collect(),
             mode: planned.mode,
+            op_mode: OpMode::of(file),
             mode_reason: found.mode_reason.clone(),
             delay_ns: planned.delay.0,
             every: planned.every,

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::what_if::WhatIf;
 pub use crate::report::Note;
-use crate::report::{Ring, typed};
+use crate::report::{OpMode, Ring, typed};
 
 /// Version of the document; it changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-plan/3";
@@ -134,6 +134,8 @@ pub struct Device {
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub mode: SyncMode,
+    /// The OpMode of its description; null for a device without.
+    pub op_mode: Option<OpMode>,
     /// Why no higher mode is used; empty if this is the requested or the highest one.
     pub mode_reason: String,
     /// Propagation delay from the reference clock.
@@ -160,6 +162,11 @@ pub struct Device {
 }
 
 impl Device {
+    /// Its position with its OpMode, if it has one.
+    pub(super) fn placed_op_mode(&self) -> Option<(usize, &OpMode)> {
+        Some((self.position, self.op_mode.as_ref()?))
+    }
+
     /// Its line of the cycle with the least slack; where a line does not fit, the one that lacks
     /// most.
     pub fn tightest(&self) -> Option<&Line> {
@@ -180,7 +187,7 @@ pub struct Doubt {
 
 impl From<&isocat_segment::profile::Doubt> for Doubt {
     fn from(doubt: &isocat_segment::profile::Doubt) -> Self {
-        Self { kind: doubt.kind.to_owned(), what: doubt.what.clone() }
+        Self { kind: doubt.kind.name().to_owned(), what: doubt.what.clone() }
     }
 }
 
@@ -286,11 +293,37 @@ pub struct Suggestion {
     pub outputs_shift_ns: Option<i64>,
     /// Positions of the SubDevices whose outputs can be shifted.
     pub outputs_shiftable: Vec<usize>,
-    /// The smallest cycle that fits, with all other settings unchanged; null if none up to 1 s
-    /// fits.
+    /// The smallest cycle that fits, with all other settings unchanged but for the next two; null
+    /// if none of those tried fits.
     pub smallest_cycle_ns: Option<i64>,
-    /// The cycles that were tried are multiples of this.
-    pub cycle_step_ns: i64,
+    /// Cycles of the SubDevices slower than the bus at that cycle: they keep their ratio to it.
+    pub own_cycles: Vec<OwnCycle>,
+    /// Whether the segment file has a shift, which that cycle leaves to the plan.
+    pub drops_shift: bool,
+    /// The cycles that were tried; null if there is none that the OpModes of all SubDevices take.
+    pub cycles: Option<TriedCycles>,
+}
+
+/// The cycle of a SubDevice that is slower than the bus.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct OwnCycle {
+    /// Place in processing order, from 0.
+    pub position: usize,
+    /// Its cycle.
+    pub cycle_ns: i64,
+}
+
+/// Cycles that were tried: multiples of a step within a range, which the OpModes may narrow.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct TriedCycles {
+    /// Every one is a multiple of this.
+    pub step_ns: i64,
+    /// The shortest.
+    pub least_ns: i64,
+    /// The longest, at most 1 s.
+    pub most_ns: i64,
 }
 
 /// Results of a run.

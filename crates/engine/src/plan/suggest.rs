@@ -1,18 +1,21 @@
 //! Suggestions: the phase with the most even slack, and the smallest cycle.
 
 use isocat_maindevice::Config;
+use isocat_segment::Scenario;
 use isocat_sync::SyncMode;
 use isocat_sync::budget::common_window;
 use isocat_sync::object::ShiftBy;
+use isocat_sync::opmode::BusCycles;
 use isocat_wire::frame;
 use isocat_wire::time::Nanos;
 
 use super::Plan;
-use super::report::Suggestion;
+use super::report::{OwnCycle, Suggestion, TriedCycles};
 use super::warnings;
 
-/// Computes both. The cycle is searched by repeated planning, with the phase left to the plan.
-pub fn suggest(plan: &Plan) -> Suggestion {
+/// Computes both for a plan of this scenario. The cycle is searched by repeated planning, with the
+/// phase left to the plan.
+pub fn suggest(plan: &Plan, scenario: &Scenario) -> Suggestion {
     let timing = plan.timing();
     let cycle = timing.cycle;
     let devices = || timing.devices.iter().map(|(device, _)| device);
@@ -48,7 +51,8 @@ pub fn suggest(plan: &Plan) -> Suggestion {
         .collect();
     let acting = devices().filter(|d| d.mode.uses_dc() && d.outputs_arrival.is_some());
     let slowest = acting.map(|device| device.outputs_act_after()).max();
-    let step = step(plan);
+    let cycles = cycles(plan, scenario);
+    let smallest = cycles.and_then(|cycles| smallest_cycle(plan, scenario, cycles));
     Suggestion {
         no_shift_helps,
         shift_ns: shift.map(into_cycle),
@@ -56,48 +60,103 @@ pub fn suggest(plan: &Plan) -> Suggestion {
         slack_ns: slack.map(|slack| slack.0),
         outputs_shift_ns: slowest.map(|shift| shift.0).filter(|_| !shiftable.is_empty()),
         outputs_shiftable: shiftable,
-        smallest_cycle_ns: smallest_cycle(plan, step).map(|cycle| cycle.0),
-        cycle_step_ns: step,
+        smallest_cycle_ns: smallest.as_ref().map(|scenario| scenario.cycle.0),
+        own_cycles: smallest.iter().flat_map(own_cycles).collect(),
+        drops_shift: scenario.shift.is_some(),
+        cycles: cycles.map(|BusCycles { step, least, most }| TriedCycles {
+            step_ns: step.0,
+            least_ns: least.0,
+            most_ns: most.0,
+        }),
     }
 }
 
-/// Step of the cycles that are tried: a multiple of a microsecond, and of every SYNC0 cycle that
-/// must divide it.
-fn step(plan: &Plan) -> i64 {
-    let subordinated = |mode| mode == SyncMode::DcSubordinated;
-    let own = plan.timing().devices.iter().map(|(device, _)| device);
-    let own = own.filter(|device| subordinated(device.mode)).map(|d| d.pulses.sync0_cycle.0);
-    own.fold(MICROSECOND, least_common_multiple)
+/// The cycles up to a second that the OpMode of every device takes, and that every SYNC0 cycle
+/// divides which the file or the device fixes. Of those that are nearer to each other than a
+/// microsecond, its multiples are tried. `None`: there are none.
+fn cycles(plan: &Plan, scenario: &Scenario) -> Option<BusCycles> {
+    let all = BusCycles { most: LONGEST, ..BusCycles::ANY };
+    let planned = plan.timing().devices.iter().map(|(device, _)| device);
+    let mut devices = scenario.devices.iter().zip(planned);
+    let taken = devices.try_fold(all, |all, (device, planned)| {
+        let times = device.cycle.map_or(1, |own| own.0 / scenario.cycle.0);
+        let taken = match &device.op_mode {
+            Some(op_mode) => at_bus(op_mode.bus_cycles()?, times),
+            None => BusCycles::ANY,
+        };
+        let fixed = match device.op_mode {
+            Some(_) => device.asked.sync0_cycle,
+            None => Some(planned.pulses.sync0_cycle)
+                .filter(|_| planned.mode == SyncMode::DcSubordinated),
+        };
+        common(common(all, taken)?, multiples(fixed.unwrap_or(Nanos(1))))
+    })?;
+    match taken.step < MICROSECOND {
+        true => common(taken, multiples(MICROSECOND)).or(Some(taken)),
+        false => Some(taken),
+    }
 }
 
-/// The smallest cycle, by bisection: a longer cycle has more slack in every line.
-fn smallest_cycle(plan: &Plan, step: i64) -> Option<Nanos> {
-    let fits = |count: i64| {
-        let mut wished = Config { cycle: Nanos(count * step), shift: None, ..plan.config.clone() };
-        // Slower devices keep their ratio to the bus cycle.
-        for device in &mut wished.devices {
-            let times = device.cycle.map(|own| own.0 / plan.config.cycle.0);
-            device.cycle = times.map(|times| Nanos(times * wished.cycle.0));
-        }
-        plan.with(wished).is_ok_and(|plan| plan.fits() && mailboxes_fit(&plan))
+/// The bus cycles at which a device that takes part in every `times`-th of them has one of these.
+fn at_bus(own: BusCycles, times: i64) -> BusCycles {
+    let step = own.step.0 / greatest_common_divisor(own.step.0, times);
+    BusCycles {
+        step: Nanos(step),
+        least: Nanos(divide_up(own.least.0, times)),
+        most: Nanos(own.most.0 / times),
+    }
+}
+
+fn multiples(step: Nanos) -> BusCycles {
+    BusCycles { step, least: step, ..BusCycles::ANY }
+}
+
+/// What is in both; `None` if nothing is.
+fn common(a: BusCycles, b: BusCycles) -> Option<BusCycles> {
+    let step = a.step.0 / greatest_common_divisor(a.step.0, b.step.0);
+    let step = step.checked_mul(b.step.0)?;
+    let least = divide_up(a.least.max(b.least).0, step).checked_mul(step)?;
+    let most = a.most.min(b.most).0 / step * step;
+    let cycles = BusCycles { step: Nanos(step), least: Nanos(least), most: Nanos(most) };
+    (least <= most).then_some(cycles)
+}
+
+/// The segment at the smallest of these cycles that fits, by bisection: a longer cycle has more
+/// slack in every line.
+fn smallest_cycle(plan: &Plan, scenario: &Scenario, cycles: BusCycles) -> Option<Scenario> {
+    let at = |number: i64| {
+        let scenario = scenario.at_cycle(Nanos(cycles.least.0 + cycles.step.0 * number))?;
+        let plan = plan.with(scenario.config()).ok()?;
+        (plan.fits() && mailboxes_fit(&plan)).then_some(scenario)
     };
-    let mut enough = 1;
-    while !fits(enough) {
-        enough *= 2;
-        if enough * step > LONGEST {
+    let last = (cycles.most - cycles.least).0 / cycles.step.0;
+    // `short` does not fit, or is before the first one.
+    let (mut short, mut long) = (-1, 0);
+    let mut found = loop {
+        if let Some(scenario) = at(long) {
+            break scenario;
+        }
+        if long == last {
             return None;
         }
-    }
-    let mut short = enough / 2;
-    while enough - short > 1 {
-        let middle = short + (enough - short) / 2;
-        if fits(middle) {
-            enough = middle;
-        } else {
-            short = middle;
+        (short, long) = (long, (2 * long + 1).min(last));
+    };
+    while long - short > 1 {
+        let middle = short + (long - short) / 2;
+        match at(middle) {
+            Some(scenario) => (found, long) = (scenario, middle),
+            None => short = middle,
         }
     }
-    Some(Nanos(enough * step))
+    Some(found)
+}
+
+/// The cycles of devices that are slower than the bus.
+fn own_cycles(scenario: &Scenario) -> impl Iterator<Item = OwnCycle> + '_ {
+    let own = |(position, device): (usize, &isocat_segment::segment_file::SubDevice)| {
+        Some(OwnCycle { position, cycle_ns: device.cycle?.0 })
+    };
+    scenario.devices.iter().enumerate().filter_map(own)
 }
 
 /// Whether the cycle has time for the longest mailbox message. A cycle that fits only the plan's
@@ -109,12 +168,16 @@ fn mailboxes_fit(plan: &Plan) -> bool {
     longest.is_none_or(|longest| longest - SHORT_FRAME <= frames.slack())
 }
 
-fn least_common_multiple(a: i64, b: i64) -> i64 {
+fn divide_up(a: i64, b: i64) -> i64 {
+    -(-a).div_euclid(b)
+}
+
+fn greatest_common_divisor(a: i64, b: i64) -> i64 {
     let (mut x, mut y) = (a, b);
     while y != 0 {
         (x, y) = (y, x % y);
     }
-    a / x * b
+    x
 }
 
 /// Time of the shortest frame on the wire, with its gap.
@@ -122,6 +185,6 @@ const SHORT_FRAME: Nanos =
     Nanos(((frame::MIN_LEN + frame::WIRE_OVERHEAD) as u64 * frame::BYTE_TIME_NS) as i64);
 /// Grid of SYNC pulses, ns.
 const TICK: i64 = 10;
-const MICROSECOND: i64 = 1_000;
-/// Longest cycle that is tried, ns.
-const LONGEST: i64 = 1_000_000_000;
+const MICROSECOND: Nanos = Nanos::micros(1);
+/// Longest cycle that is tried.
+pub(super) const LONGEST: Nanos = Nanos::millis(1_000);

@@ -6,15 +6,17 @@ use isocat_descriptions::columns::{WIDTH, cut_front, wrap};
 use isocat_sync::budget::Check;
 use isocat_wire::time::Nanos;
 
-use super::report::{Device, Frame, Line, PlanReport, Term};
+use super::report::{Device, Frame, Line, PlanReport, Suggestion, Term};
 use crate::fold::{fold, label};
-use crate::report::{BAD, GOOD, Note, QUIET};
+use crate::report::{BAD, GOOD, Note, QUIET, op_mode};
 
 /// Above this number of SubDevices, a table and the tightest lines replace the figures of each.
 const MOST_IN_FULL: usize = 6;
 const MOST_DEVICES: usize = 40;
 /// Largest number of frames, datagrams, assumptions, warnings and findings in the text.
 const MOST_NOTES: usize = 12;
+/// Longest cycle that a suggestion tries, ns.
+const LONGEST_TRIED: i64 = super::suggest::LONGEST.0;
 
 impl PlanReport {
     /// The plan as text, with ANSI styles; print it through a stream that strips them if needed.
@@ -143,7 +145,11 @@ impl PlanReport {
                 "  {QUIET}equal devices side by side are one row: the largest delay, the strictest phases, the least slack{QUIET:#}"
             )?;
         }
-        Ok(())
+        // Figures in full have it in their head.
+        match self.devices.len() <= MOST_IN_FULL {
+            true => Ok(()),
+            false => op_mode::write(out, self.devices.iter().filter_map(Device::placed_op_mode)),
+        }
     }
 
     /// Whether two neighbours are one row: the same kind that does the same, and every demand of
@@ -160,6 +166,7 @@ impl PlanReport {
         };
         let leads = |device: &Device| self.segment.reference == Some(device.position);
         a.profile == b.profile
+            && a.op_mode == b.op_mode
             && kind(a) == kind(b)
             && lacking(a) == lacking(b)
             && !leads(a)
@@ -259,14 +266,53 @@ impl PlanReport {
                 writeln!(out, "  {line}")?;
             }
         }
-        let step = Nanos(found.cycle_step_ns);
-        match found.smallest_cycle_ns {
-            Some(cycle) => {
-                let cycle = Nanos(cycle);
-                writeln!(out, "  the smallest cycle that fits is {cycle}, in steps of {step}")
-            }
-            None => writeln!(out, "  no cycle up to 1 s fits"),
+        let text = match found.smallest_cycle_ns {
+            Some(_) => format!("the smallest cycle that fits is {}", found.smallest_cycle()),
+            None => found.smallest_cycle(),
+        };
+        for line in wrap(&text, WIDTH - 2) {
+            writeln!(out, "  {line}")?;
         }
+        Ok(())
+    }
+}
+
+impl Suggestion {
+    /// The smallest cycle in words: how it was looked for, and what changes with it; or why there
+    /// is none.
+    pub fn smallest_cycle(&self) -> String {
+        let Some(tried) = &self.cycles else {
+            return "no cycle up to 1 s suits the OpModes of all devices".to_owned();
+        };
+        let (step, least, most) = (tried.step_ns, tried.least_ns, tried.most_ns);
+        let range = format!("{} to {}", Nanos(least), Nanos(most));
+        let narrowed = least > step || most / step < LONGEST_TRIED / step;
+        let only = least == most;
+        let Some(cycle) = self.smallest_cycle_ns else {
+            return match (only, narrowed) {
+                (true, _) => {
+                    format!("the OpModes take a cycle of {} only, which does not fit", Nanos(least))
+                }
+                (_, true) => format!("no cycle of {range} fits, and the OpModes take no others"),
+                _ => "no cycle up to 1 s fits".to_owned(),
+            };
+        };
+        let (cycle, step) = (Nanos(cycle), Nanos(step));
+        let mut text = match (only, narrowed) {
+            (true, _) => format!("{cycle}, the only one that the OpModes take"),
+            (_, true) => format!("{cycle}, in steps of {step}; the OpModes take {range}"),
+            _ => format!("{cycle}, in steps of {step}"),
+        };
+        if self.drops_shift {
+            text += "; without the shift of the file";
+        }
+        for own in self.own_cycles.iter().take(MOST_NOTES) {
+            text += &format!("; cycle {} for SubDevice {}", Nanos(own.cycle_ns), own.position);
+        }
+        if self.own_cycles.len() > MOST_NOTES {
+            text += "; and more, which --json lists";
+        }
+        text
     }
 }
 
@@ -298,6 +344,9 @@ fn write_frame(out: &mut String, number: usize, frame: &Frame) -> fmt::Result {
 fn write_device(out: &mut String, device: &Device, proven: bool) -> fmt::Result {
     let Device { position, name, mode, .. } = device;
     write!(out, "\nSubDevice {position} ({name}), {mode}")?;
+    if let Some(op_mode) = &device.op_mode {
+        write!(out, " by {op_mode}")?;
+    }
     if let (Some(cycle), Some(phase)) = (device.sync0_cycle_ns, device.sync0_phase_ns) {
         write!(out, ": SYNC0 every {} at {}", Nanos(cycle), Nanos(phase))?;
     }

@@ -39,6 +39,7 @@ fn same(a: &Device, b: &Device) -> bool {
         (registers.output_counters, registers.input_counters, registers.al_status_code)
     };
     a.profile == b.profile
+        && a.op_mode == b.op_mode
         && kind(a) == kind(b)
         && counters(a) == counters(b)
         && has(a) == has(b)

@@ -193,6 +193,7 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
         profile: wanted.profile.id.clone(),
         line: wanted.line,
         mode,
+        op_mode: OpMode::of(wanted),
         mode_reason: found.map_or(String::new(), |device| device.mode_reason.clone()),
         cycle_ns: outcome
             .world

@@ -13,8 +13,8 @@ use isocat_wire::time::Nanos;
 use super::age::{self, DataAge};
 use super::alike::{widest_span, worst_spread};
 use super::expected;
-use super::samples;
 use super::{Counters, Device, DeviceRegisters, Finding, Report, Ring, Span, Spread};
+use super::{op_mode, samples};
 use crate::fold::{self, label};
 
 /// Largest numbers of findings and of SubDevices that are shown.
@@ -115,7 +115,7 @@ impl Report {
                 "  {QUIET}equal devices side by side are one row, with the worst of their figures; --json has each{QUIET:#}"
             )?;
         }
-        Ok(())
+        op_mode::write(out, self.devices.iter().filter_map(Device::placed_op_mode))
     }
 
     fn write_ages(&self, out: &mut String) -> fmt::Result {

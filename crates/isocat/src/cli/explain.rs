@@ -27,6 +27,7 @@ Examples:
   isocat explain modes                what each mode needs of 0x1C32 and 0x1C33
   isocat explain input_shift          a key of a segment file or a profile, in each place where it may stand
   isocat explain subdevice.cycle      a key in one place
+  isocat explain object-left-out      a kind of a finding, a note or a doubt, as reports print it
   isocat explain --schema segment-file > segment-file.schema.json     for editors: completion and checks
 
 A number that may be several things is explained as each, the likeliest first; AL, abort, SoE, object,
@@ -37,7 +38,8 @@ Exit code: 0 explained, 2 not known.";
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// A code, an object, a register, a mode, a symptom, a key of a file, or "modes"
+    /// A code, an object, a register, a mode, a symptom, a key of a file, a kind of a finding or a
+    /// doubt, or "modes"
     #[arg(required_unless_present = "schema", value_name = "WHAT")]
     what: Vec<String>,
     /// Print the JSON schema of a kind of file, for editors

@@ -1,6 +1,7 @@
 //! `isocat new`: a segment file from descriptions and types, from an ENI, or from the result of a
 //! scan.
 
+mod offers;
 mod sources;
 
 use std::path::{Path, PathBuf};
@@ -33,8 +34,8 @@ pub(super) struct Arguments {
     /// An ESI file, or a folder of them; may be given several times
     #[arg(long, value_name = "FILE")]
     esi: Vec<PathBuf>,
-    /// Bus cycle; without it the shortest of 1, 2, 4 and 10 ms for which the plan fits. An ENI has
-    /// its own
+    /// Bus cycle; without it the shortest of 1, 2, 4 and 10 ms for which the plan fits, or the one
+    /// that an OpMode with a fixed SYNC0 takes. An ENI has its own
     #[arg(long, value_parser = parse_cycle)]
     cycle: Option<Nanos>,
     /// Write to this file instead of standard output
@@ -57,7 +58,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
     let cycles = match (arguments.cycle, made.cycle_is_given) {
         (Some(cycle), _) => vec![cycle],
         (None, true) => vec![made.file.cycle],
-        (None, false) => CYCLES.to_vec(),
+        (None, false) => CYCLES.into_iter().chain(made.cycles.drain(..)).collect(),
     };
     // What is written is what was read and planned.
     let mut verdict = Err("no cycle to try".to_owned());

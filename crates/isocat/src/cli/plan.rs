@@ -131,7 +131,7 @@ pub fn run(arguments: &Arguments) -> u8 {
     }
     let mut report = plan.report(&scenario);
     if arguments.suggest {
-        report.suggestion = Some(suggest::suggest(&plan));
+        report.suggestion = Some(suggest::suggest(&plan, &scenario));
     }
     if arguments.prove {
         let bar = progress_bar(scenario.duration);

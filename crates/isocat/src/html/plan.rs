@@ -83,7 +83,7 @@ fn one(plan: &Plan, device: &Device) -> Markup {
     let short = device.lines.iter().any(|line| line.slack_ns < 0);
     html! {
         article #{ "device-" (device.position) } {
-            h3.bad[short] { (device.position) " " (device.name) " " span.quiet { (device.mode) } }
+            h3.bad[short] { (device.position) " " (device.name) " " span.quiet { (device.mode) @if let Some(op_mode) = &device.op_mode { " by " (op_mode) } } }
             @if !device.mode_reason.is_empty() { p.quiet { (device.mode_reason) } }
             (figure(cycle.draw().as_ref(), ""))
             @if device.moments.iter().any(|moment| moment.measured.is_some()) {
@@ -207,7 +207,7 @@ fn suggestion(report: &PlanReport) -> Markup {
             table.facts {
                 tr { th { "phase with the most even slack" } td { (ns(better.shift_ns)) ", slack " (ns(better.slack_ns)) } }
                 tr { th { "the same as the phase of the frame" } td { (ns(better.send_phase_ns)) } }
-                tr { th { "smallest cycle that fits" } td { (ns(better.smallest_cycle_ns)) " (in steps of " (Nanos(better.cycle_step_ns)) ")" } }
+                tr { th { "smallest cycle that fits" } td { (better.smallest_cycle()) } }
             }
         }
     }

@@ -382,7 +382,10 @@ impl Run<'_> {
         });
         html! {
             article #{ "device-" (devices[0].position) } data-device=(devices[0].position) {
-                h3.bad[wrong] { (title(devices)) " " span.quiet { (device.mode) } }
+                h3.bad[wrong] {
+                    (title(devices)) " "
+                    span.quiet { (device.mode) @if let Some(op_mode) = &device.op_mode { " by " (op_mode) } }
+                }
                 @if devices.len() > 1 {
                     p.quiet { (devices.len()) " equal SubDevices; drawn is " (at) " (" (device.name) "), which has the least margin." }
                 }

@@ -51,6 +51,11 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
         let number = usize::from(area.sync_manager);
         uses.resize(uses.len().max(number + 1), sm_type::UNUSED);
         uses[number] = kind;
+        for share in &area.further {
+            let number = usize::from(share.sync_manager);
+            uses.resize(uses.len().max(number + 1), sm_type::UNUSED);
+            uses[number] = kind;
+        }
     }
     let count = uses.len() as u8;
     let mut types = Group::new(
@@ -72,6 +77,7 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
     ] {
         if let Some(area) = area {
             generated.push(assignment(area, index, name));
+            generated.extend(area.further.iter().map(|share| fixed_assignment(share, name)));
             generated.extend(area.pdos.iter().map(mapping));
         }
     }
@@ -407,6 +413,19 @@ fn assignment(area: &Area, index: u16, name: &str) -> draft::Object {
     }
     // `check` refuses more PDOs than slots.
     group.finish(area.access, area.default.len().min(255) as u8)
+}
+
+/// The assignment of a further SyncManager. It is read only.
+fn fixed_assignment(share: &draft::Share, name: &str) -> draft::Object {
+    let (code, kind) = (ObjectCode::ARRAY, DataType::UNSIGNED16);
+    let name = format!("{name} (SM{})", share.sync_manager);
+    let mut group = Group::new(share.at, share.assignment(), &name, code, kind);
+    for (number, pdo) in (1u8..=254).zip(&share.pdos) {
+        let name = format!("SubIndex {number:03}");
+        let row = row(number, &name, kind, Access::READ);
+        group = group.entry(row, pdo.to_le_bytes().to_vec());
+    }
+    group.finish(Access::READ, share.pdos.len().min(254) as u8)
 }
 
 /// A PDO's mapping object. It is read only.

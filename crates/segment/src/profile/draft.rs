@@ -134,6 +134,13 @@ pub(super) struct Share {
     pub pdos: Vec<u16>,
 }
 
+impl Share {
+    /// Its assignment object: 0x1C10 and the number of its SyncManager.
+    pub fn assignment(&self) -> u16 {
+        0x1C10 + u16::from(self.sync_manager)
+    }
+}
+
 impl Area {
     /// Its parts: place in the file, first byte, and bytes of each buffer.
     pub fn places(&self) -> impl Iterator<Item = (usize, u16, u16)> + '_ {

@@ -28,7 +28,10 @@ use isocat_wire::time::Nanos;
 
 use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Share, Times};
 use super::write::ProfileText;
-use super::{ApplicationKind, Identity, OpMode, Origin, Profile, check, dictionary, drive, ports};
+use super::{
+    ApplicationKind, Doubt, DoubtKind, Identity, OpMode, Origin, Profile, check, dictionary, drive,
+    ports,
+};
 
 mod eeprom;
 mod objects;
@@ -38,14 +41,15 @@ mod soe;
 mod startup;
 mod windows;
 
-pub use op_mode::{Doubt, RunAs};
+pub use op_mode::{RunAs, TakenOpMode};
 
 /// Why a device of a description cannot be a virtual SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Obstacle {
     /// It has no product code.
     Placeholder,
-    /// Process data of one direction are in more SyncManagers than the stack supports.
+    /// Process data of one direction are in more SyncManagers than the stack supports, or in others
+    /// beside a mailbox than the sync objects are about.
     SeveralSyncManagers,
     /// A direction has more process data than the stack's buffers.
     ProcessDataTooLong,
@@ -66,6 +70,20 @@ pub enum Obstacle {
 }
 
 impl Obstacle {
+    /// All of them.
+    pub const ALL: [Self; 10] = [
+        Self::Placeholder,
+        Self::SeveralSyncManagers,
+        Self::ProcessDataTooLong,
+        Self::ProcessDataInRegisters,
+        Self::TooManyEntries,
+        Self::MailboxArea,
+        Self::MemoryOverlap,
+        Self::TooLarge,
+        Self::Sync0Cycle,
+        Self::SyncUnitAtPdi,
+    ];
+
     /// The name, as words joined by dashes.
     pub const fn name(self) -> &'static str {
         match self {
@@ -79,6 +97,33 @@ impl Obstacle {
             Self::TooLarge => "too-large",
             Self::Sync0Cycle => "sync0-cycle",
             Self::SyncUnitAtPdi => "sync-unit-at-pdi",
+        }
+    }
+
+    /// What it means, in a sentence.
+    pub const fn means(self) -> &'static str {
+        match self {
+            Self::Placeholder => "It has no product code.",
+            Self::SeveralSyncManagers => {
+                "Process data of one direction are in more SyncManagers than the stack supports, or in \
+                 others beside a mailbox than the sync objects are about."
+            }
+            Self::ProcessDataTooLong => {
+                "A direction has more process data than the stack's buffers."
+            }
+            Self::ProcessDataInRegisters => {
+                "Process data are neither in the process RAM nor in the registers of digital outputs."
+            }
+            Self::TooManyEntries => "A PDO has more entries than a mapping object.",
+            Self::MailboxArea => {
+                "The mailbox is too short or too long for the stack, or not in SyncManagers 0 and 1."
+            }
+            Self::MemoryOverlap => "Areas in the memory of the ESC overlap.",
+            Self::TooLarge => "The device does not fit into the dictionary or the EEPROM.",
+            Self::Sync0Cycle => {
+                "The pulses of an OpMode do not fit the bus cycle, or the ESC's step of 10 ns."
+            }
+            Self::SyncUnitAtPdi => "The device itself sets up the SYNC unit in this OpMode.",
         }
     }
 }
@@ -140,7 +185,7 @@ impl ProfileText {
         let draft = import.draft().map_err(|not_simulated| not_simulated.error)?;
         if import.sampling.is_some() {
             let words = "a profile file has no samples: all values of a cycle are taken at once";
-            import.doubts.push(Doubt::new(sampling::DOUBT, words.to_owned()));
+            import.doubts.push(Doubt::new(DoubtKind::Oversampling, words.to_owned()));
         }
         let doubts = import.doubts.iter().map(|doubt| format!("{}: {}", doubt.kind, doubt.what));
         super::write::text(draft, made_of, doubts.collect())
@@ -215,6 +260,9 @@ impl<'f> Import<'f> {
             Some(_) => self.objects([&outputs, &inputs]),
             None => Vec::new(),
         };
+        if mailbox.is_some() && coe {
+            self.assume_identity(&objects);
+        }
         let chip = self.chip(mailbox.map(|mailbox| mailbox.value), [&outputs, &inputs]);
         let times = self.times(&objects);
         let eeprom =
@@ -232,8 +280,8 @@ impl<'f> Import<'f> {
                 .map_or(ApplicationKind::Io, ApplicationKind::DriveAt),
             identity,
             device_type: device.profile.number.unwrap_or(0).into(),
-            hardware_version: "1.0".to_owned(),
-            software_version: "1.0".to_owned(),
+            hardware_version: VERSION.to_owned(),
+            software_version: VERSION.to_owned(),
             esc: Esc {
                 at: device.at,
                 chip: ("ET1100", chip),
@@ -284,6 +332,22 @@ impl<'f> Import<'f> {
         self.assumed.push(Assumed { item, why: why.to_owned() });
     }
 
+    /// Names what 0x1000, 0x1009 and 0x100A hold without a statement of the description.
+    fn assume_identity(&mut self, objects: &[super::draft::Object]) {
+        let stated = |index| objects.iter().any(|object| object.index == index);
+        let why = "the description does not state it";
+        if !stated(0x1000) && self.device.profile.number.is_none() {
+            self.assume("identity.device_type", "0", why);
+        }
+        for (index, key) in
+            [(0x1009, "identity.hardware_version"), (0x100A, "identity.software_version")]
+        {
+            if !stated(index) {
+                self.assume(key, VERSION, why);
+            }
+        }
+    }
+
     fn mailbox(&mut self) -> Result<Option<Placed<Mailbox>>, NotSimulated> {
         let find = |purpose| self.device.sync_managers.iter().position(|sm| sm.purpose == purpose);
         let (Some(out), Some(back)) = (find(Purpose::MailboxOut), find(Purpose::MailboxIn)) else {
@@ -323,11 +387,13 @@ impl<'f> Import<'f> {
         assigned: &[(u8, Vec<EsiPdo>)],
         has_mailbox: bool,
     ) -> Result<Option<Area>, NotSimulated> {
-        let purpose = match direction {
-            Direction::Outputs => Purpose::Outputs,
-            Direction::Inputs => Purpose::Inputs,
+        let (purpose, usual) = match direction {
+            Direction::Outputs => (Purpose::Outputs, 2),
+            Direction::Inputs => (Purpose::Inputs, 3),
         };
         let device = self.device;
+        let coe = device.mailbox.as_ref().is_some_and(|mailbox| mailbox.coe.is_some());
+        let coe = coe && has_mailbox;
         let with_data: Vec<_> = assigned
             .iter()
             .filter(|(_, pdos)| pdos.iter().any(|pdo| pdo.bits() > 0))
@@ -345,18 +411,27 @@ impl<'f> Import<'f> {
                 Some(found) if has_mailbox => found,
                 _ => return Ok(None),
             },
-            [first, ..] if !has_mailbox && with_data.len() <= MAX_AREAS => first,
-            [_, (second, _), ..] => {
+            [_, (second, _), ..] if with_data.len() > MAX_AREAS => {
                 let at = device.sync_managers[second].at;
-                let most = if has_mailbox { 1 } else { MAX_AREAS };
                 let message = format!(
-                    "its {} are in {} SyncManagers; expected at most {most}{}",
+                    "its {} are in {} SyncManagers; expected at most {MAX_AREAS}",
                     word(direction),
                     with_data.len(),
-                    if has_mailbox { " beside a mailbox" } else { "" }
                 );
                 return Err(self.stopped(Obstacle::SeveralSyncManagers, at, message));
             }
+            // 0x1C12 and 0x1C32 belong to SM2, 0x1C13 and 0x1C33 to SM3, and each further one has
+            // an assignment by its number.
+            [(first, _), (second, _), ..] if coe && (first != usual || second < 4) => {
+                let at = device.sync_managers[second].at;
+                let message = format!(
+                    "its {} are in SM{first} and SM{second}; expected SM{usual} and, beside a \
+                     mailbox with CoE, further ones from SM4 on",
+                    word(direction),
+                );
+                return Err(self.stopped(Obstacle::SeveralSyncManagers, at, message));
+            }
+            [first, ..] => first,
         };
         let sm = &device.sync_managers[number];
         let bytes = bytes_of(pdos);
@@ -397,7 +472,9 @@ impl<'f> Import<'f> {
             .and_then(|mailbox| mailbox.coe.as_ref())
             .is_some_and(|coe| coe.pdo_assign);
         let most = sm.max_size.unwrap_or(0).max(sm.default_size);
-        let longest = if has_mailbox { bytes.max(most.into()) } else { bytes };
+        // Three buffers of the most bytes could reach into a further SyncManager.
+        let alone = has_mailbox && further.is_empty();
+        let longest = if alone { bytes.max(most.into()) } else { bytes };
         Ok(Some(Area {
             at: sm.at,
             sync_manager: number as u8,
@@ -645,6 +722,8 @@ fn bytes_of(pdos: &[EsiPdo]) -> usize {
     pdos.iter().map(EsiPdo::bits).sum::<u32>().div_ceil(8) as usize
 }
 
+/// Version of hardware and software that no description states.
+const VERSION: &str = "1.0";
 /// Largest number of sub-indices of a mapping object.
 const MOST_ENTRIES: usize = 254;
 /// Bits of 0x1C32:04.

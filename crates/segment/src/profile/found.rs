@@ -408,6 +408,8 @@ fn assume(draft: &mut Draft<'_>, found: &Found) {
     assume("times.application", why);
     assume("times.reaction", "not to be seen on the wire; as of most programs");
     assume("identity.device_type", "a scan does not read 0x1000");
+    assume("identity.hardware_version", "a scan does not read 0x1009");
+    assume("identity.software_version", "a scan does not read 0x100A");
 }
 
 /// CPU time for a step that is not stated.

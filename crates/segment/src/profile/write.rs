@@ -463,12 +463,14 @@ fn assumed_item(item: &Item, draft: &Draft<'_>, generated: &[Object]) -> Option<
 const CALC_AND_COPY: &str = "0x1C32:06";
 const INPUT_COPY: &str = "0x1C33:06";
 /// Keys that are written for each device for which they are assumed.
-const KEYS: [&str; 7] = [
+const KEYS: [&str; 9] = [
     "times.reaction",
     "times.calc_and_copy",
     "times.application",
     "times.input_copy",
     "identity.device_type",
+    "identity.hardware_version",
+    "identity.software_version",
     "esc.pulse",
     "modes",
 ];

@@ -11,8 +11,7 @@ use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
 use super::modules;
-use crate::profile::Doubt;
-use crate::profile::{ApplicationKind, Profile, RunAs};
+use crate::profile::{ApplicationKind, Doubt, DoubtKind, Profile, RunAs};
 
 /// Descriptions that were read for this segment, by their paths; and profiles that the caller gave.
 pub(super) struct Files<'a> {
@@ -116,7 +115,7 @@ pub(super) fn in_op_mode(
 ) -> Result<Imported, FileError> {
     let (op_mode, mut notes) = op_mode(device, keys)?;
     notes.extend(modules::unfit(device, op_mode));
-    notes.extend(choice.map(|note| Doubt::new("revision", note)));
+    notes.extend(choice.map(|note| Doubt::new(DoubtKind::Revision, note)));
     let told = |error: crate::profile::NotSimulated| error.error;
     let profile = Profile::from_esi(file, device, op_mode).map_err(told)?;
     let mut run_as = RunAs::new(file, device, op_mode, &profile, cycle).map_err(told)?;
@@ -124,8 +123,8 @@ pub(super) fn in_op_mode(
     notes.extend(profile.doubts.iter().cloned());
     for warning in &device.warnings {
         // A note on this OpMode at this cycle contains more than a warning about the file alone.
-        let kind = warning.kind.name();
-        if !notes.iter().any(|note| note.kind == kind) {
+        let kind = warning.kind;
+        if !notes.iter().any(|note| note.kind.name() == kind.name()) {
             notes.push(Doubt::new(kind, warning.message.clone()));
         }
     }
@@ -162,7 +161,7 @@ pub(super) fn agree(
             let words = format!(
                 "\"{mode}\" as asked for; the OpMode that is taken stands for {names}, its times are not used"
             );
-            run_as.notes.insert(0, Doubt::new("mode", words));
+            run_as.notes.insert(0, Doubt::new(DoubtKind::Mode, words));
             Ok(())
         }
     }
@@ -189,7 +188,7 @@ fn op_mode(device: &EsiDevice, keys: &Keys<'_>) -> Result<(Option<usize>, Vec<Do
             Some(number) if modes.len() > 1 => {
                 let why = if drive { "the first with SYNC0, as for drives" } else { "the first" };
                 let words = format!("\"{}\" is taken, {why}", modes[number].name);
-                vec![Doubt::new("opmode", words)]
+                vec![Doubt::new(DoubtKind::OpMode, words)]
             }
             _ => Vec::new(),
         };
@@ -210,7 +209,7 @@ fn op_mode(device: &EsiDevice, keys: &Keys<'_>) -> Result<(Option<usize>, Vec<Do
     let same = names().filter(|known| *known == name).count();
     let note =
         (same > 1).then(|| format!("{same} are called \"{name}\"; number {number} is taken"));
-    let notes = note.map(|note| Doubt::new("opmode", note)).into_iter().collect();
+    let notes = note.map(|note| Doubt::new(DoubtKind::OpMode, note)).into_iter().collect();
     Ok((Some(number), notes))
 }
 
@@ -231,7 +230,7 @@ fn not_enabled(device: &EsiDevice, op_mode: Option<usize>) -> Doubt {
         false => format!("its process data lack {}", lacking.join(", ")),
     };
     let words = format!("a drive (CiA 402), but {why}: it is not enabled and does not move");
-    Doubt::new("drive-not-enabled", words)
+    Doubt::new(DoubtKind::DriveNotEnabled, words)
 }
 
 /// Objects in the process data of a drive that follows positions, with their bits.

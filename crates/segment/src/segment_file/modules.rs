@@ -9,7 +9,7 @@ use isocat_descriptions::esi::{
 };
 
 use super::keys;
-use crate::profile::Doubt;
+use crate::profile::{Doubt, DoubtKind};
 
 /// The device with the modules that the table names; without the key with the default ones.
 pub(super) fn fitted<'d>(
@@ -101,5 +101,5 @@ pub(super) fn unfit(device: &EsiDevice, op_mode: Option<usize>) -> Option<Doubt>
         "module \"{}\" at place {} is for OpMode \"{names}\"; the device runs in \"{mode}\"",
         module.type_name, module.place
     );
-    Some(Doubt::new("module-opmode", words))
+    Some(Doubt::new(DoubtKind::ModuleOpMode, words))
 }

@@ -10,7 +10,7 @@ use isocat_descriptions::sii::SiiFile;
 use isocat_wire::time::Nanos;
 
 use super::esi::{self, Imported};
-use crate::profile::{Doubt, Profile};
+use crate::profile::{Doubt, DoubtKind, Profile};
 
 /// The file that the key names, with the key's value for errors about it.
 pub(super) fn file<'k>(
@@ -75,11 +75,11 @@ pub(super) fn served(
             "the EEPROM has revision 0x{:08X}, the device's objects 0x{:08X}",
             header.revision, identity.revision
         );
-        notes.insert(0, Doubt::new("sii-revision", words));
+        notes.insert(0, Doubt::new(DoubtKind::SiiRevision, words));
     }
     Ok((profile.with_sii(&sii.image), notes))
 }
 
 fn notes(sii: &SiiFile) -> Vec<Doubt> {
-    sii.doubts.iter().map(|doubt| Doubt::new("sii", doubt.to_string())).collect()
+    sii.doubts.iter().map(|doubt| Doubt::new(DoubtKind::Sii, doubt.to_string())).collect()
 }

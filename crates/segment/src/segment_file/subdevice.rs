@@ -14,9 +14,8 @@ use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 use isocat_wire::{ObjectAddress, PortNumber};
 
-use super::{Place, SubDevice, clock, esi, misbehave, sii};
-use crate::profile::Doubt;
-use crate::profile::{self, Overrides, Profile, RunAs};
+use super::{Asked, Place, SubDevice, clock, esi, misbehave, sii};
+use crate::profile::{self, Doubt, Overrides, Profile, RunAs, TakenOpMode};
 
 /// Settings of the file's head for all devices.
 #[derive(Clone, Copy)]
@@ -67,10 +66,17 @@ pub(super) fn subdevice(
             .map_or(Ok(MeasuredTimes::default()), |keys| measured(&keys))?,
         sync1: pulses.sync1.or(run_as.sync1),
         sync0_cycle: pulses.sync0_cycle.or(run_as.sync0_cycle),
+        op_mode: run_as.op_mode,
         unit: run_as.unit,
         optional,
         arrives: keys.get("arrives")?,
         notes: run_as.notes,
+        asked: Asked {
+            op_mode: keys.value("opmode").is_some(),
+            mode: keys.find_choice("mode", &profile::MODES)?,
+            sync1: pulses.sync1,
+            sync0_cycle: pulses.sync0_cycle,
+        },
         // Lines are counted later.
         line: 0,
     })
@@ -230,10 +236,11 @@ fn measured(keys: &Keys<'_>) -> Result<MeasuredTimes, FileError> {
 
 /// The OpMode's settings of the pulses, and doubts about it.
 #[derive(Default)]
-struct OpMode {
-    sync1: Option<Nanos>,
-    sync0_cycle: Option<Nanos>,
-    unit: Option<AssignActivate>,
+pub(super) struct OpMode {
+    op_mode: Option<TakenOpMode>,
+    pub sync1: Option<Nanos>,
+    pub sync0_cycle: Option<Nanos>,
+    pub unit: Option<AssignActivate>,
     notes: Vec<Doubt>,
 }
 
@@ -271,11 +278,12 @@ fn mode(
     Ok((mode, op_mode))
 }
 
-fn of_op_mode(run_as: RunAs, mode: SyncMode) -> OpMode {
-    let RunAs { sync1, sync0_cycle, unit, notes, .. } = run_as;
+/// The settings of an OpMode for a device in this mode.
+pub(super) fn of_op_mode(run_as: RunAs, mode: SyncMode) -> OpMode {
+    let RunAs { op_mode, sync1, sync0_cycle, unit, notes, .. } = run_as;
     match run_as.mode == mode {
-        true => OpMode { sync1, sync0_cycle, unit, notes },
-        false => OpMode { notes, ..OpMode::default() },
+        true => OpMode { op_mode, sync1, sync0_cycle, unit, notes },
+        false => OpMode { op_mode, notes, ..OpMode::default() },
     }
 }
 

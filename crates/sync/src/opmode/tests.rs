@@ -228,6 +228,124 @@ fn what_no_register_holds_is_refused() {
     assert_eq!(refused(fine, 999), Err(Problem::Register { register: 0x09A0, value: 0 }));
 }
 
+/// Kind of OpMode; OpMode; its bus cycles in words, or none.
+fn bus_cycles() -> [(&'static str, OpMode, Option<&'static str>); 22] {
+    let sync0 = |value, factor| op_mode(0x0300, (value, factor), 0, (0, 0), 0);
+    [
+        ("no SYNC", op_mode(0, (2_000_000, 0), 0, (0, 0), 0), Some("any length")),
+        ("plain drive", sync0(0, 1), Some("any length")),
+        ("nothing given", sync0(0, 0), Some("any length")),
+        ("fixed SYNC0", sync0(2_000_000, 0), Some("2 ms")),
+        ("fixed SYNC0 and a factor", sync0(2_000_000, 1), Some("2 ms")),
+        ("SYNC0 slower than the bus", sync0(0, 2), None),
+        ("SYNC0 faster than the bus, without SYNC1", sync0(0, -4), None),
+        ("SYNC0 without its register", sync0(5_000_000_000, 0), None),
+        (
+            "fixed SYNC0, SYNC1 marks the bus cycle",
+            op_mode(0x0730, (250_000, 0), 0, (0, -1), 0),
+            Some("a multiple of 250 us"),
+        ),
+        (
+            "the same with a distance",
+            op_mode(0x0730, (250_000, 0), 0, (0, -1), 20_000),
+            Some("a multiple of 250 us"),
+        ),
+        (
+            "the same with a distance of a SYNC0 cycle",
+            op_mode(0x0730, (250_000, 0), 0, (0, -1), 250_000),
+            None,
+        ),
+        (
+            "fixed SYNC0, SYNC1 once in four",
+            op_mode(0x0700, (250_000, 0), 0, (0, 4), 0),
+            Some("1 ms"),
+        ),
+        (
+            "fixed SYNC0 and fixed SYNC1",
+            op_mode(0x0700, (250_000, 0), 0, (750_000, 0), 0),
+            Some("1 ms"),
+        ),
+        ("oversampling of 4", op_mode(0x0700, (0, -4), 0, (0, 4), 0), Some("a multiple of 4 ns")),
+        (
+            "oversampling of 4, SYNC1 by the bus cycle",
+            op_mode(0x0700, (0, -4), 0, (0, -1), 0),
+            Some("a multiple of 4 ns"),
+        ),
+        ("oversampling of 4, SYNC1 once in two", op_mode(0x0700, (0, -4), 0, (0, 2), 0), None),
+        (
+            "oversampling of 4, SYNC1 10 us later",
+            op_mode(0x0700, (0, -4), 0, (0, 4), 10_000),
+            Some("a multiple of 4 ns, 40.004 us or more"),
+        ),
+        (
+            "oversampling of 4, fixed SYNC1",
+            op_mode(0x0700, (0, -4), 0, (750_000, 0), 0),
+            Some("a multiple of 4 ns, 750.004 us to 1 ms"),
+        ),
+        (
+            "SYNC1 100 us behind SYNC0",
+            op_mode(0x0700, (0, 1), 0, (0, 1), 100_000),
+            Some("100.001 us or more"),
+        ),
+        (
+            "SYNC1 fixed at 100 us",
+            op_mode(0x0700, (0, 1), 0, (100_000, 0), 0),
+            Some("100.001 us or more"),
+        ),
+        (
+            "SYNC1 of the third SYNC0 and 100 us before",
+            op_mode(0x0700, (0, 1), 0, (0, 3), -100_000),
+            Some("99.999 us or less"),
+        ),
+        ("R1 too long", op_mode(0x0700, (0, 1), 0, (5_000_000_000, 0), 0), None),
+    ]
+}
+
+#[test]
+fn an_op_mode_says_its_bus_cycles() {
+    for (what, op_mode, expected) in bus_cycles() {
+        let found = op_mode.bus_cycles(&Unit::default());
+        assert_eq!(found.map(|cycles| cycles.to_string()).as_deref(), expected, "{what}");
+    }
+}
+
+/// At both ends and one step beyond them the pulses repeat as the range says.
+#[test]
+fn the_edges_of_the_bus_cycles_are_those_of_the_pulses() {
+    let repeats = |op_mode: &OpMode, bus| {
+        let found = op_mode.registers(bus, &Unit::default());
+        found.is_ok_and(|found| found.count == 0 || found.period() == bus)
+    };
+    for (what, op_mode, _) in bus_cycles() {
+        let Some(cycles) = op_mode.bus_cycles(&Unit::default()) else { continue };
+        let BusCycles { step, least, most } = cycles;
+        for bus in [least - step, least, least + step, most - step, most, most + step] {
+            assert_eq!(cycles.contains(bus), repeats(&op_mode, bus), "{what} at {bus}");
+        }
+    }
+}
+
+#[test]
+fn the_nearest_bus_cycle_is_one_of_them() {
+    let cycles =
+        |step, least, most| BusCycles { step: Nanos(step), least: Nanos(least), most: Nanos(most) };
+    let nearest = |cycles: BusCycles, wished| cycles.nearest(Nanos(wished)).0;
+    let multiples = cycles(250, 500, 1_000);
+    for (wished, expected) in [
+        (i64::MIN, 500),
+        (499, 500),
+        (624, 500),
+        (625, 750),
+        (874, 750),
+        (1_001, 1_000),
+        (i64::MAX, 1_000),
+    ] {
+        assert_eq!(nearest(multiples, wished), expected, "{wished}");
+    }
+    assert_eq!(nearest(cycles(2_000, 2_000, 2_000), 1), 2_000);
+    assert_eq!(nearest(BusCycles::ANY, 1_000_000), 1_000_000);
+}
+
 /// The instants of SYNC1, computed step by step by the ESC's rule alone.
 fn walk(sync0: u64, sync1: u64, pulses: usize) -> Vec<u64> {
     let mut instants = Vec::new();
@@ -318,6 +436,41 @@ proptest! {
         prop_assert_eq!((instants[3] % u64::from(sync0)) as i64, found.behind_sync0().0);
         for mode in SyncMode::ALL {
             prop_assert_eq!(found.pulses(mode).sync1_cycle(), found.period());
+        }
+    }
+
+    /// The bus cycles are those at which the pulses repeat with the bus, and no others.
+    #[test]
+    fn bus_cycles_are_all_that_repeat(
+        word in proptest::sample::select(std::vec![0x0300u16, 0x0500, 0x0700]),
+        (value0, factor0) in (0..40i64, -5..5i32),
+        (value1, factor1) in (-1..120i64, -5..5i32),
+        shift1 in -120..120i64,
+        fixed in (any::<bool>(), any::<bool>()),
+    ) {
+        let value = |fixed, value| if fixed { value } else { 0 };
+        let sync0 = (value(fixed.0, value0), factor0);
+        let mode = op_mode(word, sync0, 0, (value(fixed.1, value1), factor1), shift1);
+        let cycles = mode.bus_cycles(&Unit::default());
+        // Shorter ones than the square of the factor may repeat by the rounding of their parts.
+        for bus in 25..600 {
+            let bus = Nanos(bus);
+            let found = mode.registers(bus, &Unit::default()).map(|found| found.period());
+            let allowed = cycles.is_some_and(|cycles| cycles.contains(bus));
+            prop_assert_eq!(found == Ok(bus), allowed, "{:?} at {}: {:?}", mode, bus, cycles);
+        }
+        prop_assert_eq!(cycles.is_some_and(|cycles| cycles.least > cycles.most), false);
+    }
+
+    /// Whatever a file states, there is an answer, and its ends are bus cycles that repeat.
+    #[test]
+    fn any_op_mode_has_bus_cycles_or_none(op_mode in any_op_mode()) {
+        let Some(cycles) = op_mode.bus_cycles(&Unit::default()) else { return Ok(()) };
+        for bus in [cycles.least, cycles.most] {
+            prop_assert!(cycles.contains(bus));
+            if let Ok(found) = op_mode.registers(bus, &Unit::default()) {
+                prop_assert!(found.count == 0 || found.period() == bus, "{op_mode:?} at {bus}");
+            }
         }
     }
 }

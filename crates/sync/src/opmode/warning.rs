@@ -5,100 +5,112 @@ use core::fmt;
 use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
-/// A doubt about an OpMode at one bus cycle. The registers are those of the answer that the text
-/// describes.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-#[expect(missing_docs, reason = "fields are the figures that the text prints")]
-pub enum Warning {
-    /// The OpMode leaves the SYNC unit off.
-    SyncOff,
-    /// SYNC0 or SYNC1 is requested, but the unit is not switched on.
-    NotActivated { word: AssignActivate },
-    /// The unit is switched on but generates no pulse: it serves time stamps.
-    NoPulses { word: AssignActivate },
-    /// The device has a system time but no SYNC unit.
-    ClockOnly,
-    /// The SYNC unit belongs to the PDI.
-    UnitAtPdi,
-    /// Bits of AssignActivate without a meaning are set.
-    ReservedBits { word: AssignActivate },
-    /// CycleTimeSync0 is missing, or 0 without a factor.
-    Sync0Undefined,
-    /// CycleTimeSync0 is below 0.
-    NegativeSync0 { value: i64 },
-    /// CycleTimeSync0 has both a time and a factor.
-    Sync0ValueAndFactor { value: i64, factor: i32 },
-    /// SYNC0 is faster than that of any known device, or than this device supports.
-    BelowLeast { cycle: Nanos, least: Nanos },
-    /// The bus cycle cannot be divided into this many whole nanoseconds.
-    BrokenPart { bus: Nanos, parts: u32 },
-    /// The SYNC0 cycle is fixed and fits other bus cycles only.
-    FixedSync0 { cycle: Nanos, bus: Nanos },
-    /// Neither the SYNC0 cycle nor the bus cycle is a multiple of the other.
-    Sync0OffBus { cycle: Nanos, bus: Nanos },
-    /// The device runs slower than the bus.
-    SlowerThanBus { times: u32 },
-    /// The device runs faster than the bus, but no SYNC1 marks the bus cycle.
-    FasterThanBus { times: u32 },
-    /// The period of the pulses does not match the bus cycle.
-    PeriodOffBus { period: Nanos, bus: Nanos },
-    /// Times for SYNC1 are given, but SYNC1 is off.
-    Sync1Unused,
-    /// SYNC1 is requested without SYNC0.
-    Sync1Alone,
-    /// CycleTimeSync1 is missing, or 0 without a factor, although SYNC1 is on.
-    Sync1Undefined,
-    /// CycleTimeSync1 is below 0.
-    NegativeSync1 { value: i64 },
-    /// CycleTimeSync1 has both a time and a factor.
-    Sync1ValueAndFactor { value: i64, factor: i32 },
-    /// Both a fixed CycleTimeSync1 and a ShiftTimeSync1 are given.
-    Sync1FixedAndShift { value: i64, shift: i64 },
-    /// SYNC1 would have to come before the SYNC0 that it follows.
-    Sync1BeforeSync0 { by: Nanos },
-    /// The ESC generates SYNC1 with another period than the file asks for.
-    Sync1Period { wanted: Nanos, found: Nanos },
-    /// SYNC1 falls on SYNC0.
-    PulsesCoincide,
-    /// A time is not a multiple of the ESC's step of 10 ns.
-    OffTick,
-    /// The shift is longer than the cycle.
-    LongShift { shift: Nanos, phase: Nanos },
+macro_rules! warnings {
+    ($($(#[doc = $doc:literal])+ $kind:ident $({ $($field:ident: $type:ty),+ })? = $name:literal,)+) => {
+        /// A doubt about an OpMode at one bus cycle. The registers are those of the answer that the
+        /// text describes.
+        #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+        #[expect(missing_docs, reason = "fields are the figures that the text prints")]
+        pub enum Warning {
+            $($(#[doc = $doc])+ $kind $({ $($field: $type),+ })?,)+
+        }
+
+        /// The kind of a [`Warning`].
+        #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+        pub enum WarningKind {
+            $($(#[doc = $doc])+ $kind,)+
+        }
+
+        impl Warning {
+            /// Its kind, without the figures.
+            pub const fn kind(&self) -> WarningKind {
+                match self {
+                    $(Self::$kind { .. } => WarningKind::$kind,)+
+                }
+            }
+
+            /// A short name, for lists and counts.
+            pub const fn name(&self) -> &'static str {
+                self.kind().name()
+            }
+        }
+
+        impl WarningKind {
+            /// All kinds.
+            pub const ALL: &[Self] = &[$(Self::$kind,)+];
+
+            /// A short name, for lists and counts.
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$kind => $name,)+
+                }
+            }
+
+            /// What it means, in a sentence.
+            pub const fn means(self) -> &'static str {
+                match self {
+                    $(Self::$kind => concat!($($doc),+).trim_ascii_start(),)+
+                }
+            }
+        }
+    };
 }
 
-impl Warning {
-    /// A short name, for lists and counts.
-    pub const fn name(&self) -> &'static str {
-        match self {
-            Self::SyncOff => "sync-off",
-            Self::NotActivated { .. } => "not-activated",
-            Self::NoPulses { .. } => "no-pulses",
-            Self::ClockOnly => "clock-only",
-            Self::UnitAtPdi => "unit-at-pdi",
-            Self::ReservedBits { .. } => "reserved-bits",
-            Self::Sync0Undefined => "sync0-undefined",
-            Self::NegativeSync0 { .. } => "negative-sync0",
-            Self::Sync0ValueAndFactor { .. } => "sync0-value-and-factor",
-            Self::BelowLeast { .. } => "below-least",
-            Self::BrokenPart { .. } => "broken-part",
-            Self::FixedSync0 { .. } => "fixed-sync0",
-            Self::Sync0OffBus { .. } => "sync0-off-bus",
-            Self::SlowerThanBus { .. } => "slower-than-bus",
-            Self::FasterThanBus { .. } => "faster-than-bus",
-            Self::PeriodOffBus { .. } => "period-off-bus",
-            Self::Sync1Unused => "sync1-unused",
-            Self::Sync1Alone => "sync1-alone",
-            Self::Sync1Undefined => "sync1-undefined",
-            Self::NegativeSync1 { .. } => "negative-sync1",
-            Self::Sync1ValueAndFactor { .. } => "sync1-value-and-factor",
-            Self::Sync1FixedAndShift { .. } => "sync1-fixed-and-shift",
-            Self::Sync1BeforeSync0 { .. } => "sync1-before-sync0",
-            Self::Sync1Period { .. } => "sync1-period",
-            Self::PulsesCoincide => "pulses-coincide",
-            Self::OffTick => "off-tick",
-            Self::LongShift { .. } => "long-shift",
-        }
-    }
+warnings! {
+    /// The OpMode leaves the SYNC unit off.
+    SyncOff = "sync-off",
+    /// SYNC0 or SYNC1 is requested, but the unit is not switched on.
+    NotActivated { word: AssignActivate } = "not-activated",
+    /// The unit is switched on but generates no pulse: it serves time stamps.
+    NoPulses { word: AssignActivate } = "no-pulses",
+    /// The device has a system time but no SYNC unit.
+    ClockOnly = "clock-only",
+    /// The SYNC unit belongs to the PDI.
+    UnitAtPdi = "unit-at-pdi",
+    /// Bits of AssignActivate without a meaning are set.
+    ReservedBits { word: AssignActivate } = "reserved-bits",
+    /// CycleTimeSync0 is missing, or 0 without a factor.
+    Sync0Undefined = "sync0-undefined",
+    /// CycleTimeSync0 is below 0.
+    NegativeSync0 { value: i64 } = "negative-sync0",
+    /// CycleTimeSync0 has both a time and a factor.
+    Sync0ValueAndFactor { value: i64, factor: i32 } = "sync0-value-and-factor",
+    /// SYNC0 is faster than that of any known device, or than this device supports.
+    BelowLeast { cycle: Nanos, least: Nanos } = "below-least",
+    /// The bus cycle cannot be divided into this many whole nanoseconds.
+    BrokenPart { bus: Nanos, parts: u32 } = "broken-part",
+    /// The SYNC0 cycle is fixed and fits other bus cycles only.
+    FixedSync0 { cycle: Nanos, bus: Nanos } = "fixed-sync0",
+    /// Neither the SYNC0 cycle nor the bus cycle is a multiple of the other.
+    Sync0OffBus { cycle: Nanos, bus: Nanos } = "sync0-off-bus",
+    /// The device runs slower than the bus.
+    SlowerThanBus { times: u32 } = "slower-than-bus",
+    /// The device runs faster than the bus, but no SYNC1 marks the bus cycle.
+    FasterThanBus { times: u32 } = "faster-than-bus",
+    /// The period of the pulses does not match the bus cycle.
+    PeriodOffBus { period: Nanos, bus: Nanos } = "period-off-bus",
+    /// Times for SYNC1 are given, but SYNC1 is off.
+    Sync1Unused = "sync1-unused",
+    /// SYNC1 is requested without SYNC0.
+    Sync1Alone = "sync1-alone",
+    /// CycleTimeSync1 is missing, or 0 without a factor, although SYNC1 is on.
+    Sync1Undefined = "sync1-undefined",
+    /// CycleTimeSync1 is below 0.
+    NegativeSync1 { value: i64 } = "negative-sync1",
+    /// CycleTimeSync1 has both a time and a factor.
+    Sync1ValueAndFactor { value: i64, factor: i32 } = "sync1-value-and-factor",
+    /// Both a fixed CycleTimeSync1 and a ShiftTimeSync1 are given.
+    Sync1FixedAndShift { value: i64, shift: i64 } = "sync1-fixed-and-shift",
+    /// SYNC1 would have to come before the SYNC0 that it follows.
+    Sync1BeforeSync0 { by: Nanos } = "sync1-before-sync0",
+    /// The ESC generates SYNC1 with another period than the file asks for.
+    Sync1Period { wanted: Nanos, found: Nanos } = "sync1-period",
+    /// SYNC1 falls on SYNC0.
+    PulsesCoincide = "pulses-coincide",
+    /// A time is not a multiple of the ESC's step of 10 ns.
+    OffTick = "off-tick",
+    /// The shift is longer than the cycle.
+    LongShift { shift: Nanos, phase: Nanos } = "long-shift",
 }
 
 impl fmt::Display for Warning {

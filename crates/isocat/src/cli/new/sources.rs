@@ -8,18 +8,30 @@ use isocat_descriptions::esi::{EsiDevice, EsiFile, Wish};
 use isocat_descriptions::limits;
 use isocat_player::virtual_segment::{self, Origin};
 use isocat_segment::new_file::{NewDevice, NewFile, quoted};
-use isocat_segment::profile::{self, Profile, RunAs, name_hint};
+use isocat_segment::profile::{self, Profile, RunAs, TakenOpMode, name_hint};
+use isocat_sync::opmode::BusCycles;
 use isocat_wire::PortNumber;
 use isocat_wire::time::Nanos;
 use serde_json::Value;
 
 use super::super::eni_run::is_eni;
+use super::offers::{self, Others};
 
 /// A file under construction, and messages about it.
 pub(super) struct Made {
     pub file: NewFile,
     pub cycle_is_given: bool,
+    /// Bus cycles that the OpModes of single devices ask for, beside the usual ones.
+    pub cycles: Vec<Nanos>,
     pub notes: Vec<String>,
+}
+
+/// A device of a source.
+struct Found {
+    profile: Arc<Profile>,
+    device: NewDevice,
+    /// The bus cycle nearest to 1 ms that its OpMode takes.
+    cycle: Nanos,
 }
 
 /// Makes the file from the named sources; an error is a sentence.
@@ -71,22 +83,19 @@ fn of_types(types: &[String], descriptions: &[EsiFile]) -> Result<Made, String> 
     let all = types.iter().map(|name| named(name, descriptions, &mut notes));
     let all = all.collect::<Result<Vec<_>, String>>()?;
     // Terminals alone stand beside an embedded PC; with others, at the end of a cable.
-    let is_on_ebus = |(profile, _): &(Arc<Profile>, NewDevice)| profile.is_on_ebus();
+    let is_on_ebus = |found: &Found| found.profile.is_on_ebus();
     if all.first().is_some_and(is_on_ebus) && !all.iter().all(is_on_ebus) {
         file.add_coupler()?;
     }
-    for (profile, device) in all {
+    let cycles = all.iter().map(|found| found.cycle).collect();
+    for Found { profile, device, .. } in all {
         file.add(device, profile)?;
     }
-    Ok(Made { file, cycle_is_given: false, notes })
+    Ok(Made { file, cycle_is_given: false, cycles, notes })
 }
 
 /// A device by its type in the descriptions, or else a built-in profile by its id or name.
-fn named(
-    name: &str,
-    descriptions: &[EsiFile],
-    notes: &mut Vec<String>,
-) -> Result<(Arc<Profile>, NewDevice), String> {
+fn named(name: &str, descriptions: &[EsiFile], notes: &mut Vec<String>) -> Result<Found, String> {
     let wish = Wish { type_name: Some(name), ..Wish::default() };
     let mut found =
         descriptions.iter().filter_map(|file| Some((file, file.device(wish).ok()?.device)));
@@ -99,7 +108,9 @@ fn named(
                 others.join(", ")
             ));
         }
-        return of_description(file, device);
+        let others = Others::of(file, device);
+        notes.extend(others.message(file, device));
+        return of_description(file, device, Some(&others));
     }
     let is_meant = |profile: &Arc<Profile>| profile.id == name || profile.name == name;
     let profile = profile::built_in_ids().filter_map(profile::built_in).find(is_meant);
@@ -115,13 +126,14 @@ fn named(
     Ok(of_profile(&profile))
 }
 
-fn of_profile(profile: &Arc<Profile>) -> (Arc<Profile>, NewDevice) {
+fn of_profile(profile: &Arc<Profile>) -> Found {
     let mut keys = vec![format!("device = {}", quoted(&profile.id))];
     let modes: Vec<_> = profile.modes().map(|mode| format!("\"{mode}\"")).collect();
     if !modes.is_empty() {
         keys.push(format!("# mode = {}", modes.join(" or ")));
     }
-    (profile.clone(), device(&profile.name, keys))
+    let device = device(&profile.name, keys);
+    Found { profile: profile.clone(), device, cycle: Nanos::millis(1) }
 }
 
 fn device(name: &str, keys: Vec<String>) -> NewDevice {
@@ -136,25 +148,30 @@ fn device(name: &str, keys: Vec<String>) -> NewDevice {
 }
 
 /// A device of a description, in the first OpMode with SYNC pulses that can be simulated, or else
-/// in the first that can.
-fn of_description(file: &EsiFile, found: &EsiDevice) -> Result<(Arc<Profile>, NewDevice), String> {
+/// in the first that can. `others` are those that the user may have meant as well.
+fn of_description(
+    file: &EsiFile,
+    found: &EsiDevice,
+    others: Option<&Others<'_>>,
+) -> Result<Found, String> {
     let modes = found.op_modes();
     let with_sync = (0..modes.len()).filter(|number| modes[*number].sync0());
-    let others = (0..modes.len()).filter(|number| !modes[*number].sync0());
-    let mut order: Vec<_> = with_sync.chain(others).map(Some).collect();
+    let without = (0..modes.len()).filter(|number| !modes[*number].sync0());
+    let mut order: Vec<_> = with_sync.chain(without).map(Some).collect();
     if order.is_empty() {
         order.push(None);
     }
     let mut refused = None;
     for mode in order {
-        // The cycle does not matter for whether there is a device at all.
-        let made = Profile::from_esi(file, found, mode).and_then(|profile| {
-            RunAs::new(file, found, mode, &profile, Nanos::millis(1)).map(|_| profile)
-        });
+        let cycle = usual_cycle(found, mode);
+        let made = Profile::from_esi(file, found, mode)
+            .and_then(|profile| RunAs::new(file, found, mode, &profile, cycle).map(|_| profile));
         match made {
             Ok(profile) => {
-                let keys = description_keys(file, found, mode);
-                return Ok((profile, device(&found.type_name, keys)));
+                let keys = description_keys(file, found, mode, others);
+                let notes = offers::modules(file, found);
+                let device = NewDevice { notes, ..device(&found.type_name, keys) };
+                return Ok(Found { profile, device, cycle });
             }
             Err(error) => refused = refused.or(Some(error)),
         }
@@ -163,21 +180,38 @@ fn of_description(file: &EsiFile, found: &EsiDevice) -> Result<(Arc<Profile>, Ne
     Err(format!("{error}\n\"isocat devices {}\" lists what can be simulated", file.path))
 }
 
-fn description_keys(file: &EsiFile, found: &EsiDevice, mode: Option<usize>) -> Vec<String> {
+/// The bus cycle nearest to 1 ms that an OpMode takes.
+fn usual_cycle(found: &EsiDevice, mode: Option<usize>) -> Nanos {
+    let taken = mode.and_then(|number| TakenOpMode::new(found, number));
+    let cycles = taken.and_then(|taken| taken.bus_cycles());
+    cycles.unwrap_or(BusCycles::ANY).nearest(Nanos::millis(1))
+}
+
+fn description_keys(
+    file: &EsiFile,
+    found: &EsiDevice,
+    mode: Option<usize>,
+    others: Option<&Others<'_>>,
+) -> Vec<String> {
     let mut keys = vec![
         format!("esi = {}", quoted(&file.path)),
         format!("type = {}", quoted(&found.type_name)),
     ];
-    // Where several have one type and revision, the product tells them apart.
-    let alike = |other: &&EsiDevice| {
-        (&other.type_name, other.revision) == (&found.type_name, found.revision)
+    let or = |list: String| match list.as_str() {
+        "" => String::new(),
+        list => format!("    # or {list}"),
     };
+    // Where a type has several products, the key tells them apart.
     if let Some(product) = found.product_code
-        && file.usable().filter(alike).count() > 1
+        && Others::of(file, found).has_products()
     {
-        keys.push(format!("product = 0x{product:08X}"));
+        let or = others.map_or(String::new(), |others| or(others.products()));
+        keys.push(format!("product = 0x{product:08X}{or}"));
     }
-    keys.extend(found.revision.map(|revision| format!("revision = 0x{revision:08X}")));
+    if let Some(revision) = found.revision {
+        let or = others.map_or(String::new(), |others| or(others.revisions()));
+        keys.push(format!("revision = 0x{revision:08X}{or}"));
+    }
     let modes = found.op_modes();
     let Some(number) = mode else { return keys };
     let name = &modes[number].name;
@@ -228,7 +262,7 @@ fn of_eni(path: &str, descriptions: &[EsiFile]) -> Result<Made, String> {
         what.place = found.place.upstream;
         file.add(what, found.profile.clone())?;
     }
-    Ok(Made { file, cycle_is_given, notes: Vec::new() })
+    Ok(Made { file, cycle_is_given, cycles: Vec::new(), notes: Vec::new() })
 }
 
 fn of_scan(path: &str, descriptions: &[EsiFile]) -> Result<Made, String> {
@@ -246,7 +280,7 @@ fn of_scan(path: &str, descriptions: &[EsiFile]) -> Result<Made, String> {
     };
     let mut file = NewFile::new(Nanos::millis(1));
     file.made_of.push(format!("What a scan found ({path}), made by `isocat new`."));
-    let mut notes = Vec::new();
+    let (mut notes, mut cycles) = (Vec::new(), Vec::new());
     for (position, found) in devices.iter().enumerate() {
         let number = |key: &str| {
             let value = found[key].as_u64().and_then(|value| u32::try_from(value).ok());
@@ -256,8 +290,10 @@ fn of_scan(path: &str, descriptions: &[EsiFile]) -> Result<Made, String> {
         };
         let identity = (number("vendor_id")?, number("product_code")?, number("revision")?);
         let name = found["name"].as_str().unwrap_or_default();
-        let (profile, mut what) = identified(identity, name, descriptions, &mut notes)
+        let found_here = identified(identity, name, descriptions, &mut notes)
             .map_err(|message| format!("{path}: device {position}: {message}"))?;
+        let Found { profile, device: mut what, cycle } = found_here;
+        cycles.push(cycle);
         what.place = place(found, position);
         // Behind a branch the frame was on its way through that branch, too.
         let is_beside = |other: &Value| other["parent"] == found["parent"];
@@ -268,7 +304,7 @@ fn of_scan(path: &str, descriptions: &[EsiFile]) -> Result<Made, String> {
         what.clock_ppm = follows.filter(|ppm| position > 0 && ppm.abs() <= MOST_PPM);
         file.add(what, profile)?;
     }
-    Ok(Made { file, cycle_is_given: false, notes })
+    Ok(Made { file, cycle_is_given: false, cycles, notes })
 }
 
 /// The place of a device by the scan: position and port of the one upstream, which must come before
@@ -286,7 +322,7 @@ fn identified(
     name: &str,
     descriptions: &[EsiFile],
     notes: &mut Vec<String>,
-) -> Result<(Arc<Profile>, NewDevice), String> {
+) -> Result<Found, String> {
     let of_vendor = descriptions.iter().filter(|file| file.vendor_id == vendor);
     let all = of_vendor.flat_map(|file| file.usable().map(move |device| (file, device)));
     let same: Vec<_> = all.filter(|(_, one)| one.product_code == Some(product)).collect();
@@ -298,7 +334,7 @@ fn identified(
             let other = device.revision.unwrap_or(0);
             notes.push(format!("{}: {revision} 0x{other:08X}", device.type_name));
         }
-        return of_description(file, device);
+        return of_description(file, device, None);
     }
     let is_meant = |profile: &Arc<Profile>| {
         (profile.identity.vendor_id, profile.identity.product_code) == (vendor, product)

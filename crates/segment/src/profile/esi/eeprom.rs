@@ -7,7 +7,7 @@ use isocat_wire::sync_manager::SyncManager;
 
 use super::super::draft::{Area, Eeprom, Window};
 use super::super::sii::{self, cut};
-use super::{Doubt, Import};
+use super::{Doubt, DoubtKind, Import};
 
 impl Import<'_> {
     pub(super) fn eeprom(
@@ -129,7 +129,7 @@ impl Import<'_> {
             let words = format!(
                 "SyncManager {number}: control byte {of_file:#04x} becomes {control:#04x}: {why}"
             );
-            self.doubts.push(Doubt::new("al-event-added", words));
+            self.doubts.push(Doubt::new(DoubtKind::AlEventAdded, words));
         }
         let flags = [(length > 0, SmRecord::ENABLED), (sm.op_only, SmRecord::OP_ONLY)];
         let enable = flags.into_iter().filter(|(is, _)| *is).fold(0, |sum, (_, bit)| sum | bit);

@@ -17,6 +17,8 @@ impl Import<'_> {
         let pdos = |index| {
             areas.into_iter().flatten().flat_map(|area| &area.pdos).any(|pdo| pdo.index == index)
         };
+        let further = areas.into_iter().flatten().flat_map(|area| &area.further);
+        let further: Vec<u16> = further.map(draft::Share::assignment).collect();
         let mut all = Vec::new();
         let mut unfit = Vec::new();
         for object in &self.device.profile.objects {
@@ -26,7 +28,7 @@ impl Import<'_> {
                     | object::OUTPUT_ASSIGNMENT
                     | object::INPUT_ASSIGNMENT
                     | 0x1018
-            );
+            ) || further.contains(&object.index);
             let empty = matches!(object.index, 0x1000 | 0x1008..=0x100A)
                 && object.entries.iter().all(|entry| entry.default.is_empty());
             if follows || empty || pdos(object.index) {

@@ -2,32 +2,31 @@
 
 use isocat_descriptions::esi::{CycleTime, EsiDevice, EsiFile, EsiOpMode, ShiftTime};
 use isocat_sync::SyncMode;
-use isocat_sync::opmode::{self, Unit, Warning};
+use isocat_sync::opmode::{self, BusCycles, Unit, Warning};
 use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
-use super::super::Profile;
+use super::super::{Doubt, DoubtKind, Profile};
 use super::{NotSimulated, Obstacle};
 
-/// A doubt about a description, or a part of it that is not followed.
+/// An OpMode of a description that a device runs in.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Doubt {
-    /// Its fixed name, for programs.
-    pub kind: &'static str,
-    /// Description in words.
-    pub what: String,
-}
-
-impl Doubt {
-    /// A doubt with this name and description.
-    pub fn new(kind: &'static str, what: String) -> Self {
-        Self { kind, what }
-    }
+pub struct TakenOpMode {
+    /// Its name in the description.
+    pub name: String,
+    /// Its number in the description, from 0.
+    pub number: usize,
+    /// Its terms, from which registers follow at any bus cycle.
+    pub terms: opmode::OpMode,
+    /// What the description says of the SYNC unit.
+    pub unit: Unit,
 }
 
 /// The settings of the MainDevice that make a device run as its OpMode says.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct RunAs {
+    /// The OpMode; `None` for a device without.
+    pub op_mode: Option<TakenOpMode>,
     /// Mode.
     pub mode: SyncMode,
     /// Every mode that the OpMode may mean, the likeliest first: its registers do not distinguish
@@ -52,74 +51,14 @@ impl RunAs {
         profile: &Profile,
         bus: Nanos,
     ) -> Result<Self, NotSimulated> {
-        let Some(mode) = op_mode.and_then(|number| device.op_modes().get(number)) else {
+        let Some(taken) = op_mode.and_then(|number| TakenOpMode::new(device, number)) else {
             return Ok(Self::without_sync(profile, None, Vec::new()));
         };
-        let stopped = |obstacle: Obstacle, words: String| {
-            let message =
-                format!("OpMode \"{}\" can't be run ({}): {words}", mode.name, obstacle.name());
-            NotSimulated { obstacle, error: file.error(mode.at, message) }
-        };
-        let clock_only = device.dc.as_ref().is_some_and(|dc| dc.time_loop_control_only);
-        let unit = Unit { clock_only, ..Unit::default() };
-        let registers = raw(mode)
-            .registers(bus, &unit)
-            .map_err(|problem| stopped(Obstacle::Sync0Cycle, problem.to_string()))?;
-        let found: Vec<Warning> = registers.warnings.iter().collect();
-        let mut notes: Vec<Doubt> =
-            found.iter().map(|warning| Doubt::new(warning.name(), warning.to_string())).collect();
-        let unit = Some(registers.assign_activate);
-        if registers.count == 0 {
-            return Ok(Self::without_sync(profile, unit, notes));
-        }
-        if found.contains(&Warning::UnitAtPdi) {
-            let words =
-                "the device sets up its SYNC unit itself; a virtual one does not".to_owned();
-            return Err(stopped(Obstacle::SyncUnitAtPdi, words));
-        }
-        let sync0 = Nanos(registers.sync0_cycle.into());
-        if registers.period() != bus {
-            let words = format!(
-                "its pulses repeat every {}, the bus cycle is {bus}; expected the same",
-                registers.period()
-            );
-            return Err(stopped(Obstacle::Sync0Cycle, words));
-        }
-        let types = profile.supported_types();
-        let stated = types.0 & ANY_MODE != 0;
-        let candidates = registers.modes();
-        let supported = candidates.iter().find(|mode| mode.is_supported(types) || !stated);
-        let chosen = *supported.unwrap_or(&candidates[0]);
-        if registers.phase() != Nanos::ZERO {
-            let from = if registers.input_based { "inputs" } else { "outputs" };
-            let words = format!(
-                "{} behind the reference point of the {from}; the phase is the plan's",
-                registers.phase()
-            );
-            notes.push(Doubt::new("shift-time-sync0", words));
-        }
-        let word = AssignActivate(mode.assign_activate);
-        // SYNC0 is what SYNC1 is counted from and what these modes copy outputs by.
-        let sync1_alone = word.makes_sync1() && !word.makes_sync0();
-        if sync1_alone {
-            let written = AssignActivate(word.0 | AssignActivate::SYNC0.0);
-            let words =
-                format!("{word} has no SYNC0, which mode {chosen} needs; {written} is written");
-            notes.push(Doubt::new("sync0-added", words));
-        }
-        Ok(Self {
-            mode: chosen,
-            modes: candidates,
-            sync1: match chosen {
-                // No distance is given, and none is no answer: what the device needs.
-                SyncMode::DcSync1 if sync1_alone && registers.sync1 == 0 => None,
-                SyncMode::DcShiftSync1 | SyncMode::DcSync1 => Some(Nanos(registers.sync1.into())),
-                SyncMode::DcSubordinated => Some(registers.behind_sync0()),
-                _ => None,
-            },
-            sync0_cycle: (chosen == SyncMode::DcSubordinated).then_some(sync0),
-            unit,
-            notes,
+        let at = device.op_modes()[taken.number].at;
+        taken.run_as(profile, bus).map_err(|Refused { obstacle, words }| {
+            let (name, kind) = (taken.name, obstacle.name());
+            let message = format!("OpMode \"{name}\" can't be run ({kind}): {words}");
+            NotSimulated { obstacle, error: file.error(at, message) }
         })
     }
 
@@ -137,17 +76,118 @@ impl RunAs {
             (false, _) => {
                 let words = "the description does not say by what the device works without SYNC; \
                              SM-synchronous is taken";
-                notes.push(Doubt::new("sync-mode-not-stated", words.to_owned()));
+                notes.push(Doubt::new(DoubtKind::SyncModeNotStated, words.to_owned()));
                 SyncMode::SmSynchronous
             }
         };
         let modes = &[SyncMode::SmSynchronous, SyncMode::FreeRun];
-        Self { mode, modes, sync1: None, sync0_cycle: None, unit, notes }
+        Self { op_mode: None, mode, modes, sync1: None, sync0_cycle: None, unit, notes }
+    }
+}
+
+/// Why a device can't run in its OpMode at a bus cycle.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Refused {
+    obstacle: Obstacle,
+    words: String,
+}
+
+impl TakenOpMode {
+    /// The OpMode with this number, if the device has it.
+    pub fn new(device: &EsiDevice, number: usize) -> Option<Self> {
+        let mode = device.op_modes().get(number)?;
+        let clock_only = device.dc.as_ref().is_some_and(|dc| dc.time_loop_control_only);
+        let unit = Unit { clock_only, ..Unit::default() };
+        Some(Self { name: mode.name.clone(), number, terms: terms(mode), unit })
+    }
+
+    /// The bus cycles at which its pulses repeat with the bus; `None` if there are none.
+    pub fn bus_cycles(&self) -> Option<BusCycles> {
+        self.terms.bus_cycles(&self.unit)
+    }
+
+    /// The settings at a bus cycle.
+    pub(crate) fn run_as(&self, profile: &Profile, bus: Nanos) -> Result<RunAs, Refused> {
+        let refused = |obstacle, words| Err(Refused { obstacle, words });
+        let registers = match self.terms.registers(bus, &self.unit) {
+            Ok(registers) => registers,
+            Err(problem) => return refused(Obstacle::Sync0Cycle, problem.to_string()),
+        };
+        let op_mode = Some(self.clone());
+        let found: Vec<Warning> = registers.warnings.iter().collect();
+        let mut notes: Vec<Doubt> =
+            found.iter().map(|warning| Doubt::new(warning.kind(), warning.to_string())).collect();
+        let unit = Some(registers.assign_activate);
+        if registers.count == 0 {
+            return Ok(RunAs { op_mode, ..RunAs::without_sync(profile, unit, notes) });
+        }
+        if found.contains(&Warning::UnitAtPdi) {
+            let words = "the device sets up its SYNC unit itself; a virtual one does not";
+            return refused(Obstacle::SyncUnitAtPdi, words.to_owned());
+        }
+        let cycles = self.bus_cycles();
+        if !cycles.is_some_and(|cycles| cycles.contains(bus)) {
+            return refused(Obstacle::Sync0Cycle, self.other_cycle(registers.period(), bus));
+        }
+        let sync0 = Nanos(registers.sync0_cycle.into());
+        let types = profile.supported_types();
+        let stated = types.0 & ANY_MODE != 0;
+        let candidates = registers.modes();
+        let supported = candidates.iter().find(|mode| mode.is_supported(types) || !stated);
+        let chosen = *supported.unwrap_or(&candidates[0]);
+        if registers.phase() != Nanos::ZERO {
+            let from = if registers.input_based { "inputs" } else { "outputs" };
+            let words = format!(
+                "{} behind the reference point of the {from}; the phase is the plan's",
+                registers.phase()
+            );
+            notes.push(Doubt::new(DoubtKind::ShiftTimeSync0, words));
+        }
+        let word = self.terms.assign_activate;
+        // SYNC0 is what SYNC1 is counted from and what these modes copy outputs by.
+        let sync1_alone = word.makes_sync1() && !word.makes_sync0();
+        if sync1_alone {
+            let written = AssignActivate(word.0 | AssignActivate::SYNC0.0);
+            let words =
+                format!("{word} has no SYNC0, which mode {chosen} needs; {written} is written");
+            notes.push(Doubt::new(DoubtKind::Sync0Added, words));
+        }
+        Ok(RunAs {
+            op_mode,
+            mode: chosen,
+            modes: candidates,
+            sync1: match chosen {
+                // No distance is given, and none is no answer: what the device needs.
+                SyncMode::DcSync1 if sync1_alone && registers.sync1 == 0 => None,
+                SyncMode::DcShiftSync1 | SyncMode::DcSync1 => Some(Nanos(registers.sync1.into())),
+                SyncMode::DcSubordinated => Some(registers.behind_sync0()),
+                _ => None,
+            },
+            sync0_cycle: (chosen == SyncMode::DcSubordinated).then_some(sync0),
+            unit,
+            notes,
+        })
+    }
+
+    /// Why a bus cycle is none of the OpMode's, and which it takes.
+    fn other_cycle(&self, period: Nanos, bus: Nanos) -> String {
+        let found = format!("its pulses repeat every {period}, the cycle is {bus}");
+        let Some(cycles) = self.bus_cycles() else {
+            return format!("{found}, and they are never the same; expected another OpMode");
+        };
+        // A device that is faster than the bus has no slower cycle of its own.
+        let alone = match self.terms.assign_activate.makes_sync1() {
+            true => "",
+            false => ", or of this device alone (cycle beside esi), as a multiple of the bus cycle",
+        };
+        format!(
+            "{found}; expected a cycle of {cycles}: of the bus (cycle in the head of the file){alone}"
+        )
     }
 }
 
 /// The OpMode in the form for the arithmetic of the SYNC unit.
-fn raw(mode: &EsiOpMode) -> opmode::OpMode {
+fn terms(mode: &EsiOpMode) -> opmode::OpMode {
     let cycle = |time: Option<CycleTime>| {
         time.map_or_else(Default::default, |time| opmode::CycleTime {
             value: time.value.0,

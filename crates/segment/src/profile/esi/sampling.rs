@@ -5,10 +5,7 @@ use isocat_maindevice::written::Bits;
 use isocat_sim::Sampling;
 use isocat_sim::sampling::Channel;
 
-use super::{Doubt, Import, bytes_of};
-
-/// Name of the doubts about it.
-pub(super) const DOUBT: &str = "oversampling";
+use super::{Doubt, DoubtKind, Import, bytes_of};
 
 /// What happens to samples that SYNC0 does not take.
 const AT_ONCE: &str = "they are taken and given once a cycle";
@@ -22,7 +19,8 @@ impl Import<'_> {
             Err(why) => {
                 // A single value is none that something could be missing of.
                 if image.all().any(|pdo| pdo.oversampling > 1) {
-                    self.doubts.push(Doubt::new(DOUBT, format!("{why}: {AT_ONCE}")));
+                    self.doubts
+                        .push(Doubt::new(DoubtKind::Oversampling, format!("{why}: {AT_ONCE}")));
                 }
                 return None;
             }
@@ -82,7 +80,7 @@ impl Import<'_> {
                 "PDO 0x{:04X} has {factor} times its entries, and SYNC0 comes {pulses} times in a cycle: {AT_ONCE}",
                 pdo.index
             );
-            self.doubts.push(Doubt::new(DOUBT, words));
+            self.doubts.push(Doubt::new(DoubtKind::Oversampling, words));
             return Vec::new();
         }
         let step = one.iter().map(|entry| u32::from(entry.bits)).sum::<u32>() / u32::from(in_entry);

@@ -17,7 +17,7 @@ use isocat_wire::soe::{Attribute, Idn};
 use super::super::StartupParameter;
 use super::super::dictionary::{leak, leak_text};
 use super::startup::early;
-use super::{Doubt, Import};
+use super::{Doubt, DoubtKind, Import};
 
 /// A parameter under construction.
 struct Found {
@@ -60,7 +60,7 @@ impl Import<'_> {
                  front",
                 unfit.join(", ")
             );
-            self.doubts.push(Doubt::new("init-command-left-out", words));
+            self.doubts.push(Doubt::new(DoubtKind::InitCommandLeftOut, words));
         }
         let said = self.device.mailbox.as_ref().and_then(|mailbox| mailbox.soe.as_ref());
         let named = all.keys().map(|(drive, _)| drive + 1).max().unwrap_or(1);
@@ -111,7 +111,7 @@ impl Import<'_> {
                 "SoE InitCmd {} is left out: parameters are written on the way to SAFEOP only",
                 late.join(", ")
             );
-            self.doubts.push(Doubt::new("init-command-left-out", words));
+            self.doubts.push(Doubt::new(DoubtKind::InitCommandLeftOut, words));
         }
         if !cycles.is_empty() {
             let words = format!(
@@ -119,7 +119,7 @@ impl Import<'_> {
                  the drive watches the cycle by it",
                 cycles.join(", ")
             );
-            self.doubts.push(Doubt::new("cycle-parameter", words));
+            self.doubts.push(Doubt::new(DoubtKind::CycleParameter, words));
         }
         all.sort_by_cached_key(|parameter| u64::from(parameter.transition != Transition::IP));
         all
@@ -140,7 +140,7 @@ impl Import<'_> {
                 "SoE InitCmd {} is left out: the description has no two SyncManagers for its mailbox",
                 left_out.join(", ")
             );
-            self.doubts.push(Doubt::new("init-command-left-out", words));
+            self.doubts.push(Doubt::new(DoubtKind::InitCommandLeftOut, words));
         }
     }
 

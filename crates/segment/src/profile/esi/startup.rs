@@ -10,7 +10,7 @@ use isocat_wire::coe::info::{Access, ObjectCode};
 use super::super::Startup;
 use super::super::draft::{Draft, Entry, Object, Placed};
 use super::objects::written;
-use super::{Doubt, Import};
+use super::{Doubt, DoubtKind, Import};
 
 impl Import<'_> {
     /// Makes entries of InitCmds writable in PREOP. Some files have commands for objects that their
@@ -30,8 +30,10 @@ impl Import<'_> {
         if !opened.is_empty() {
             let why = "the dictionary of the description has no such entry to write, and an InitCmd writes it";
             let opened = opened.join(" ");
-            self.doubts
-                .push(Doubt::new("init-command-object", format!("{opened}: {why}; it is added")));
+            self.doubts.push(Doubt::new(
+                DoubtKind::InitCommandObject,
+                format!("{opened}: {why}; it is added"),
+            ));
             self.assume("InitCmd objects", opened, why);
         }
     }
@@ -70,7 +72,7 @@ impl Import<'_> {
             if !left_out.is_empty() {
                 let left_out = left_out.join(" ");
                 let words = format!("InitCmd {left_out} is left out: {why}");
-                self.doubts.push(Doubt::new("init-command-left-out", words));
+                self.doubts.push(Doubt::new(DoubtKind::InitCommandLeftOut, words));
                 self.assume("InitCmd left out", left_out, why);
             }
         }
@@ -91,7 +93,7 @@ impl Import<'_> {
                 "{} InitCmd ({at}) is left out: only those of CoE and SoE are sent",
                 command.protocol
             );
-            Doubt::new("init-command-left-out", words)
+            Doubt::new(DoubtKind::InitCommandLeftOut, words)
         });
         self.doubts.extend(told);
     }
@@ -112,7 +114,7 @@ pub(super) fn early(name: &str) -> Option<Transition> {
 
 fn is_assignment(command: &InitCommand) -> bool {
     let index = command.object.index;
-    matches!(index, object::OUTPUT_ASSIGNMENT | object::INPUT_ASSIGNMENT)
+    matches!(index, FIRST_ASSIGNMENT..=LAST_ASSIGNMENT)
         || matches!(index, 0x1600..=0x17FF | 0x1A00..=0x1BFF)
 }
 
@@ -232,3 +234,8 @@ fn lay_out(entries: &mut [Entry]) {
 const DIAGNOSIS_HISTORY: u16 = 0x10F3;
 /// Name of an entry without one.
 const NAME: &str = "Written at start";
+
+/// Assignment object of SM2, the first that can have process data beside a mailbox.
+const FIRST_ASSIGNMENT: u16 = object::OUTPUT_ASSIGNMENT;
+/// Assignment object of SM31.
+const LAST_ASSIGNMENT: u16 = 0x1C2F;

@@ -6,7 +6,7 @@ use isocat_descriptions::esi::{Direction, EsiPdo, Purpose};
 use isocat_subdevice::MAX_PROCESS_DATA;
 
 use super::super::draft::{Area, Window};
-use super::{Doubt, Import, NotSimulated, Obstacle, bytes_of};
+use super::{Doubt, DoubtKind, Import, NotSimulated, Obstacle, bytes_of};
 
 /// PDOs of one SyncManager by its number.
 pub(super) type Assigned = (u8, Vec<EsiPdo>);
@@ -73,7 +73,7 @@ impl Import<'_> {
             super::word(direction),
             sm.start
         );
-        self.doubts.push(Doubt::new("window-not-mapped", words));
+        self.doubts.push(Doubt::new(DoubtKind::WindowNotMapped, words));
     }
 }
 

@@ -27,8 +27,13 @@ fn start_up(segment: SegmentFile) -> DeviceStartUp {
     Plan::of(&scenario).unwrap().start_up(&scenario).devices.remove(0)
 }
 
-/// SyncManager, first byte and bytes of each that is written; first byte and bytes of each FMMU.
-fn written(device: &DeviceStartUp) -> (Vec<(u16, u16, u16)>, Vec<(u16, u16)>) {
+/// Number of a SyncManager, with its first byte and its bytes.
+type Manager = (u16, u16, u16);
+/// First byte and bytes of an FMMU.
+type Mapped = (u16, u16);
+
+/// The SyncManagers and the FMMUs that are written.
+fn written(device: &DeviceStartUp) -> (Vec<Manager>, Vec<Mapped>) {
     let (mut managers, mut fmmus) = (Vec::new(), Vec::new());
     for step in &device.registers {
         let Address::Physical { register, .. } = step.address else { continue };

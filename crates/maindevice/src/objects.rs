@@ -491,3 +491,36 @@ const NO_SYNC_MANAGER: u8 = 0xFF;
 const MOST_SYNC_MANAGERS: u8 = 16;
 /// Highest sub-index of the sync objects in ETG.1020. Some devices state a lower one but have it.
 const HIGHEST_KNOWN: u8 = 0x20;
+
+#[cfg(test)]
+mod tests {
+    use alloc::vec;
+
+    use isocat_wire::StationAddress;
+
+    use super::*;
+
+    /// SyncManagers of a kind by 0x1C00, in an SII of so many records, one of which is a window.
+    #[test]
+    fn sync_managers_of_a_direction() {
+        let plain = SmRecord { start: 0, length: 0, control: 0, status: 0, enable: 0, kind: 0 };
+        let found = |types: &[u8], records: usize| {
+            let mut device = SubDevice::new(0, StationAddress(0x1001));
+            device.sm_types = types.to_vec();
+            device.sii.sync_managers = vec![plain; records];
+            if let Some(record) = device.sii.sync_managers.get_mut(5) {
+                record.enable = SmRecord::VIRTUAL;
+            }
+            (sync_managers(&device, OUTPUTS), sync_managers(&device, INPUTS))
+        };
+        let usual = [1, 2, 3, 4];
+        assert_eq!(found(&usual, 4), ((Some(2), vec![]), (Some(3), vec![])));
+        let several = [1, 2, 3, 4, 3, 4, 4];
+        // SM5 is a window, and SM6 is in no record of the shorter SII.
+        assert_eq!(found(&several, 7), ((Some(2), vec![4]), (Some(3), vec![6])));
+        assert_eq!(found(&several, 6), ((Some(2), vec![4]), (Some(3), vec![])));
+        // 0x1C13 is the assignment of the inputs, whatever SM3 is.
+        assert_eq!(found(&[1, 2, 3, 3, 4], 5), ((Some(2), vec![]), (Some(4), vec![])));
+        assert_eq!(found(&[], 4), ((None, vec![]), (None, vec![])));
+    }
+}

@@ -378,7 +378,7 @@ fn files_that_can_not_be_had_are_refused_in_words() {
             "the trace file /no/such/folder/run can't be written",
         ),
         (&["--series", "/no/such/folder/run.csv"], "the series file /no/such/folder/run.csv can't"),
-        (&["--interface", "lo", "--trace", &capture], "nobody sees the pulses"),
+        (&["--interface", "lo", "--trace", &capture], "pulses and steps of real devices"),
         (&["--interface", "lo", "--series", &table], "true time, which real devices do not tell"),
         (
             &["--interface", "lo", "--tap", "1", "--capture", &capture],

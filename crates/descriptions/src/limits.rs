@@ -56,18 +56,40 @@ pub fn read(path: &str, most: usize) -> Result<Vec<u8>, FileError> {
     let file = File::open(path).map_err(unreadable)?;
     let mut bytes = Vec::new();
     file.take(most as u64 + 1).read_to_end(&mut bytes).map_err(unreadable)?;
-    check(path, bytes.len(), most)?;
+    check(path, bytes.len(), most).map_err(|error| hinted(error, path, &bytes))?;
     Ok(bytes)
 }
+
+/// The error, with what to do if the file is a capture.
+fn hinted(error: FileError, path: &str, bytes: &[u8]) -> FileError {
+    let is_capture = CAPTURES.iter().any(|magic| bytes.starts_with(magic));
+    match is_capture {
+        true => {
+            error.with_hint(format!("this is a capture; for what is in it: isocat diagnose {path}"))
+        }
+        false => error,
+    }
+}
+
+/// How captures begin: pcapng; pcap of either byte order, with stamps in us or ns.
+const CAPTURES: [[u8; 4]; 5] = [
+    [0x0A, 0x0D, 0x0D, 0x0A],
+    [0xD4, 0xC3, 0xB2, 0xA1],
+    [0xA1, 0xB2, 0xC3, 0xD4],
+    [0x4D, 0x3C, 0xB2, 0xA1],
+    [0xA1, 0xB2, 0x3C, 0x4D],
+];
 
 /// The same for a text in UTF-8.
 pub fn read_text(path: &str, most: usize) -> Result<String, FileError> {
     String::from_utf8(read(path, most)?).map_err(|error| {
+        let error_bytes = error.as_bytes();
         let at = error.utf8_error().valid_up_to();
-        let before = String::from_utf8_lossy(&error.as_bytes()[..at]).into_owned();
-        let byte = error.as_bytes().get(at).copied().unwrap_or_default();
-        crate::document::Source { path, text: &before }
-            .error(before.len(), format!("byte 0x{byte:02X} is no UTF-8; expected a text in UTF-8"))
+        let before = String::from_utf8_lossy(&error_bytes[..at]).into_owned();
+        let byte = error_bytes.get(at).copied().unwrap_or_default();
+        let message = format!("byte 0x{byte:02X} is no UTF-8; expected a text in UTF-8");
+        let error = crate::document::Source { path, text: &before }.error(before.len(), message);
+        hinted(error, path, error_bytes)
     })
 }
 

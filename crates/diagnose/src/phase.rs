@@ -43,6 +43,60 @@ pub(crate) struct Distance {
     pub outside: u64,
     pub first_outside: Option<Known<i64>>,
     sum: i128,
+    course: Course,
+}
+
+/// The distances in the order of time, as the sums of a few parts of equal length. When all parts
+/// are full, each pair becomes one.
+#[derive(Clone, Copy, Debug)]
+struct Course {
+    sums: [i128; PARTS],
+    /// Parts that have begun.
+    begun: usize,
+    /// Frames of a full part.
+    length: u64,
+    /// Frames of the last part.
+    filled: u64,
+}
+
+/// Parts of a course.
+const PARTS: usize = 16;
+
+impl Course {
+    fn new(ns: i64) -> Self {
+        let mut sums = [0; PARTS];
+        sums[0] = ns.into();
+        Self { sums, begun: 1, length: 1, filled: 1 }
+    }
+
+    fn push(&mut self, ns: i64) {
+        if self.filled == self.length && self.begun == PARTS {
+            for part in 0..PARTS / 2 {
+                self.sums[part] = self.sums[2 * part] + self.sums[2 * part + 1];
+            }
+            self.begun = PARTS / 2;
+            self.length *= 2;
+            self.filled = self.length;
+        }
+        if self.filled == self.length {
+            self.sums[self.begun] = 0;
+            self.begun += 1;
+            self.filled = 0;
+        }
+        self.sums[self.begun - 1] += i128::from(ns);
+        self.filled += 1;
+    }
+
+    /// Whether the distances went the same way all the time: three quarters of the steps from part
+    /// to part are at least half as long as the mean step. A jump is one step among many.
+    fn is_steady(&self) -> bool {
+        let full = if self.filled == self.length { self.begun } else { self.begun - 1 };
+        let Some(steps) = full.checked_sub(1).filter(|steps| *steps > 0) else { return false };
+        let way = self.sums[full - 1] - self.sums[0];
+        let least = way.abs() / (2 * steps as i128);
+        let step = |pair: &&[i128]| (pair[1] - pair[0]) * way.signum() >= least.max(1);
+        self.sums[..full].windows(2).filter(step).count() * 4 >= steps * 3
+    }
 }
 
 impl Distance {
@@ -59,6 +113,7 @@ impl Distance {
             outside: 0,
             first_outside: None,
             sum: ns.into(),
+            course: Course::new(ns),
         }
     }
 
@@ -75,6 +130,7 @@ impl Distance {
         let known = Known { value: ns, frame };
         self.count += 1;
         self.sum += i128::from(ns);
+        self.course.push(ns);
         self.last = known;
         if ns < self.shortest.value {
             self.shortest = known;
@@ -93,11 +149,7 @@ impl Distance {
     /// the reference clock.
     pub fn slides(&self) -> bool {
         let way = self.last.value - self.first.value;
-        let cycle = self.grid.cycle as i64;
-        // A jump takes only a few cycles; frames that drift are in the middle of their way in the
-        // middle of the time.
-        let middle = self.mean() - self.first.value;
-        way.abs() > cycle / 2 && (middle - way / 2).abs() < way.abs() / 4
+        way.abs() > self.grid.cycle as i64 / 2 && self.course.is_steady()
     }
 
     /// The mean, ns.
@@ -173,6 +225,28 @@ mod tests {
         assert_eq!(distance.last.value, 500_000 - duration - 1_999_000);
         assert_eq!(distance.first_outside.map(|k| k.frame), Some(495));
         assert_eq!((distance.count, distance.outside), (2000, 1505));
+    }
+
+    /// Frames that lie 600 us later from the middle of the time on have jumped once, and do not
+    /// slide; those that become later with each cycle do. Both with lateness of up to 100 us.
+    #[test]
+    fn a_jump_is_no_slide() {
+        let grid = Grid::new(1_000_000, 0).expect("a cycle");
+        let measured = |frames: u64, late: fn(u64, u64) -> u64| {
+            let mut phases = Phases::default();
+            for cycle in 0..frames {
+                let jitter = cycle * 7_919 % 100 * 1_000;
+                let at = cycle * 1_000_000 + 50_000 + jitter + late(cycle, frames);
+                phases.cyclic(&[grid], at, 60, cycle as usize, |_, _| {});
+            }
+            *phases.of(grid).expect("measured")
+        };
+        for frames in [100, 1_000, 1_023, 1_024, 1_025, 30_000] {
+            let jumped = |cycle, frames| if cycle < frames / 2 { 0 } else { 600_000 };
+            assert!(!measured(frames, jumped).slides(), "{frames} with a jump");
+            let slid = |cycle, frames| cycle * 700_000 / frames;
+            assert!(measured(frames, slid).slides(), "{frames} that slide");
+        }
     }
 
     #[test]

@@ -42,7 +42,7 @@ use std::sync::{LazyLock, OnceLock};
 
 use clap::{CommandFactory, Parser, Subcommand};
 use isocat_descriptions::columns::{WIDTH, wrap};
-use isocat_descriptions::document::FileError;
+use isocat_descriptions::document::{FileError, name_hint};
 use isocat_segment::{Scenario, SegmentFile};
 
 /// In sync.
@@ -232,6 +232,20 @@ pub fn main_as(itself: Vec<OsString>, arguments: Vec<OsString>) -> u8 {
 /// What starts this command again, where that is not the executable alone.
 static ITSELF: OnceLock<Vec<OsString>> = OnceLock::new();
 
+/// The error that the first argument is no verb: a word that is neither a flag nor a path. Without
+/// it the words behind it would be called wrong.
+fn unknown_verb(words: &[OsString]) -> Option<String> {
+    let word = words.get(1)?.to_str()?;
+    let command = CommandLine::command();
+    let verbs: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).collect();
+    let is_word = word.starts_with(|c: char| c.is_ascii_alphabetic())
+        && !word.contains(['.', '/'])
+        && !verbs.contains(&word)
+        && word != "help"
+        && !std::path::Path::new(word).exists();
+    is_word.then(|| format!("no verb is named \"{word}\"; {}", name_hint(word, verbs)))
+}
+
 /// This command once more, as a process to come.
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 fn once_more() -> std::io::Result<std::process::Command> {
@@ -246,9 +260,13 @@ fn once_more() -> std::io::Result<std::process::Command> {
 }
 
 fn run_with(arguments: impl Iterator<Item = OsString>) -> u8 {
-    let arguments = match CommandLine::try_parse_from(arguments) {
+    let words: Vec<OsString> = arguments.collect();
+    let arguments = match CommandLine::try_parse_from(&words) {
         Ok(arguments) => arguments,
         Err(error) => {
+            if let Some(unknown) = unknown_verb(&words).filter(|_| error.use_stderr()) {
+                return fail(&unknown);
+            }
             // Help and version are no errors; clap's own code for bad usage is 2 as ours.
             let code = if error.use_stderr() { BAD_INPUT } else { IN_SYNC };
             let _ = error.print();

@@ -44,7 +44,11 @@ impl Order {
         let order = (word.read)(&mut arguments).map_err(|wrong| wrong.of(word))?;
         let lasts = arguments.lasts().map_err(|wrong| wrong.of(word))?;
         if let Some(rest) = arguments.next() {
-            return Err(Wrong(format!("\"{rest}\" is too much")).of(word));
+            let why = match rest {
+                "burst" => ": it goes with a share, and a number of frames is one burst",
+                _ => "",
+            };
+            return Err(Wrong(format!("\"{rest}\" is too much{why}")).of(word));
         }
         let order = Self { lasts: lasts.or(order.lasts), ..order };
         match (&order.lasts, order.fault.can_end()) {

@@ -250,7 +250,8 @@ fn distances(place: usize, device: &Device, observer: &Observer, all: &mut Vec<F
         let worst = if early { distance.longest } else { distance.shortest };
         let first = distance.first_outside.unwrap_or(worst);
         let kind = Kind::SyncPassed {
-            frames: distance.outside.max(1),
+            // Where most lie beyond the pulse, those before are the unusual ones.
+            frames: distance.outside.min(distance.count - distance.outside).max(1),
             of: distance.count,
             worst_ns: worst.value - delay,
         };

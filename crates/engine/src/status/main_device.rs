@@ -175,7 +175,7 @@ impl Scribe {
         status.at_ns = at_ns;
         status.operation_ns = self.began_ns.map(|began| at_ns - began);
         self.fill_host(status, main);
-        self.fill_devices(status, taken, main);
+        self.fill_devices(status, taken, main, operating);
     }
 
     fn fill_host(&self, status: &mut Status, main: &MainDevice) {
@@ -199,7 +199,13 @@ impl Scribe {
         host.unled_cycles = snapshot.and_then(|s| s.unled).filter(|cycles| *cycles >= UNLED);
     }
 
-    fn fill_devices(&mut self, status: &mut Status, taken: bool, main: &MainDevice) {
+    fn fill_devices(
+        &mut self,
+        status: &mut Status,
+        taken: bool,
+        main: &MainDevice,
+        operating: bool,
+    ) {
         let segment = main.segment();
         let count = match segment.devices.len() {
             // On the way up the segment is not reported before it is completely known.
@@ -226,9 +232,13 @@ impl Scribe {
             device.is_reference = segment.reference == Some(found.position);
             device.asked =
                 found.admitted || !self.optional.get(found.position).is_some_and(|may| *may);
-            device.al_state = found.al_status.state().ok();
-            device.al_error = found.al_status.error();
-            device.al_code = found.al_code.0;
+            // On the way up the segment has the states before the last step; the events have those
+            // of now.
+            if operating || found.position >= self.states.len() {
+                device.al_state = found.al_status.state().ok();
+                device.al_error = found.al_status.error();
+                device.al_code = found.al_code.0;
+            }
             if let Some(mark) = self.marks.get_mut(found.position) {
                 mark.fill(&mut device.error, taken);
             }

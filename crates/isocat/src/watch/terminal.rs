@@ -70,6 +70,14 @@ impl Taker<'_> {
         }
         self.over |= ended;
     }
+
+    /// Whether the segment failed and the screen stays, so that the user can read where.
+    fn is_to_be_read(&self) -> bool {
+        let failed = |status: &Status| status.has_ended() && status.failure.is_some();
+        self.gate.is_none()
+            && self.within_ns.is_none()
+            && self.end.status.as_ref().is_some_and(failed)
+    }
 }
 
 /// Shows the segment on the terminal until the user ends it.
@@ -86,7 +94,7 @@ pub fn run(
     let mut terminal = ratatui::try_init()?;
     let result = (|| {
         let mut drawn: Option<Instant> = None;
-        while !taker.over && !stop.load(Ordering::Relaxed) {
+        while (!taker.over || taker.is_to_be_read()) && !stop.load(Ordering::Relaxed) {
             taker.take(|status| view.take(status));
             let mut changed = drawn.is_none_or(|drawn| drawn.elapsed() >= DRAW);
             if event::poll(LOOK)? {

@@ -25,7 +25,7 @@ pub struct Word {
 pub static WORDS: [Word; 27] = [
     Word {
         name: "drop",
-        form: "N|SHARE% [burst N] [out|back] [at CABLE]",
+        form: "N|(SHARE% [burst N]) [out|back] [at CABLE]",
         example: "drop 3",
         means: "The next N frames are lost, or a share of all by chance: at the MainDevice's port, or on a cable.",
         read: |a| frames(a, Harm::Lost),
@@ -39,7 +39,7 @@ pub static WORDS: [Word; 27] = [
     },
     Word {
         name: "damage",
-        form: "N|SHARE% [burst N] [out|back] [at CABLE]",
+        form: "N|(SHARE% [burst N]) [out|back] [at CABLE]",
         example: "damage 1% at 1",
         means: "A bit of frames tips over: ESCs behind count it (0x0300), and the program never sees the frame.",
         read: |a| frames(a, Harm::Damaged),
@@ -58,7 +58,7 @@ pub static WORDS: [Word; 27] = [
     },
     Word {
         name: "double",
-        form: "N|SHARE% [burst N] [out|back]",
+        form: "N|(SHARE% [burst N]) [out|back]",
         example: "double 5",
         means: "Frames travel twice: before the segment, so that devices see them twice, or behind it.",
         read: |a| frames(a, Harm::Doubled),

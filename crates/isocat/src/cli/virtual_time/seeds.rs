@@ -16,6 +16,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use isocat_descriptions::limits;
 use isocat_engine::sweep::Sweep;
 use isocat_segment::SegmentFile;
+use isocat_wire::Nanos;
 
 use super::Arguments;
 use crate::cli::run::{command, unwritable};
@@ -167,6 +168,14 @@ fn first_of(mut from: impl Read) -> io::Result<Vec<u8>> {
     Ok(said)
 }
 
+/// A duration as the command reads it, in the largest unit that has it whole: `3600s`, `1500ns`.
+fn duration(span: Nanos) -> String {
+    let units = [(1_000_000_000, "s"), (1_000_000, "ms"), (1_000, "us")];
+    let unit = units.into_iter().find(|(unit, _)| span.0 % unit == 0);
+    let (unit, name) = unit.unwrap_or((1, "ns"));
+    format!("{}{name}", span.0 / unit)
+}
+
 impl Arguments {
     /// The arguments of each run besides its segment and its seed.
     fn of_one_run(&self) -> Vec<String> {
@@ -177,10 +186,13 @@ impl Arguments {
             }
         };
         add("--secondary", self.secondary.clone());
-        add("--lateness", self.lateness.map(|lateness| format!("{}ns", lateness.0)));
+        add("--lateness", self.lateness.map(duration));
         add("--lateness-from", self.lateness_from.as_ref().map(|path| path.display().to_string()));
-        add("--preemption", self.preemption.map(|(one_of, time)| format!("{one_of}:{}ns", time.0)));
-        add("--for", Some(format!("{}ns", self.limit.0)));
+        add(
+            "--preemption",
+            self.preemption.map(|(one_of, time)| format!("{one_of}:{}", duration(time))),
+        );
+        add("--for", Some(duration(self.limit)));
         words
     }
 

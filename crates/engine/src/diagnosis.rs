@@ -9,6 +9,7 @@ mod place;
 mod text;
 use isocat_descriptions::quantity::time;
 use isocat_maindevice::Segment;
+use isocat_maindevice::SegmentChange;
 use isocat_maindevice::segment::Timing;
 use isocat_segment::Scenario;
 use isocat_sim::{Judged, Kind};
@@ -92,12 +93,15 @@ pub fn diagnose(
             causes: Vec::new(),
             remedies: Vec::new(),
         };
-        case.lost_pulses();
-        case.outputs();
-        case.late();
-        case.consequence();
-        case.frames();
-        case.clock();
+        // What is seen of a SubDevice while no frame reaches it follows from that.
+        if !case.lost() {
+            case.lost_pulses();
+            case.outputs();
+            case.late();
+            case.consequence();
+            case.frames();
+            case.clock();
+        }
         case.code(device.registers.al_status_code);
         all.push(Diagnosis {
             position: Some(position),
@@ -110,13 +114,14 @@ pub fn diagnose(
             remedies: case.remedies,
         });
     }
+    let of_segment = |finding| of_segment(finding, report);
     all.extend(report.findings.iter().filter(|f| f.position.is_none()).map(of_segment));
     // Those with a cause first: the others may follow from them.
     all.sort_by_key(|diagnosis| diagnosis.causes.is_empty());
     all
 }
 
-fn of_segment(finding: &crate::report::Finding) -> Diagnosis {
+fn of_segment(finding: &crate::report::Finding, report: &Report) -> Diagnosis {
     let (causes, remedies): (&[&str], &[&str]) = match &finding.kind {
         Kind::Judged(Judged::CyclesSkipped { .. }) => (
             &["The machine that the MainDevice runs on came later than a whole cycle."],
@@ -136,12 +141,23 @@ fn of_segment(finding: &crate::report::Finding) -> Diagnosis {
         ),
         _ => (&[], &[]),
     };
+    let mut remedies: Vec<String> = remedies.iter().map(|remedy| (*remedy).to_owned()).collect();
+    let first = report.findings.iter().find_map(|finding| finding.position);
+    let first = first.and_then(|position| Some((position, report.devices.get(position)?)));
+    if let (Kind::Judged(Judged::WorkingCounter { .. }), Some((position, device))) =
+        (&finding.kind, first)
+    {
+        remedies = vec![format!(
+            "see what is told of SubDevice {position} ({}), the first one with a finding",
+            device.name
+        )];
+    }
     Diagnosis {
         position: None,
         who: "The segment".into(),
         what: finding.what.clone(),
         causes: causes.iter().map(|cause| (*cause).to_owned()).collect(),
-        remedies: remedies.iter().map(|remedy| (*remedy).to_owned()).collect(),
+        remedies,
     }
 }
 
@@ -160,6 +176,27 @@ struct Case<'a> {
 }
 
 impl Case<'_> {
+    /// Whether frames no longer reached it; states that, and since when.
+    fn lost(&mut self) -> bool {
+        let lost = self.report.findings.iter().find(|finding| {
+            let is_lost = matches!(finding.kind, Kind::Change(SegmentChange::Lost { .. }));
+            is_lost && finding.position == Some(self.position)
+        });
+        let Some(lost) = lost else { return false };
+        let since = lost
+            .since_ns
+            .map_or(String::new(), |ns| format!(" from {:.3} s of the run on", ns as f64 / 1e9));
+        self.causes.push(format!(
+            "No frame reached it{since}: a cable on the way to it was pulled or is broken, or it, or a SubDevice before it, had no power."
+        ));
+        self.remedies.push(
+            "Check cable, connectors and power at the first SubDevice that was lost; recovery and optional in a segment file say whether \
+             lost ones are taken up again (docs/changes.md)."
+                .into(),
+        );
+        true
+    }
+
     /// A line in its table of the segment file.
     fn in_device(&self, line: &str) -> String {
         place::device(self.report, &self.report.devices[self.position], line)
@@ -410,7 +447,19 @@ impl Case<'_> {
             return;
         }
         let slope = slope_ppm(series);
-        if slope.abs() >= 0.05 {
+        // 0x092C changes with each drift frame that reaches the clock.
+        let led = self.seen.difference.range().is_some_and(|(least, most)| least != most);
+        if slope.abs() >= 0.05 && led {
+            self.causes.push(format!(
+                "Its SYNC0 runs away by {slope:+.2} us each second ({slope:+.2} ppm) although drift frames reach it: the rate of its \
+                 clock, or of the reference's, changes faster than its drift loop follows."
+            ));
+            self.remedies.push(
+                "Find what changes the clock: 0x092C over time shows since when. [host] difference_filter and speed_filter set how fast \
+                 drift loops follow (isocat explain speed_filter)."
+                    .into(),
+            );
+        } else if slope.abs() >= 0.05 {
             self.causes.push(format!(
                 "Its SYNC0 runs away by {slope:+.2} us each second ({slope:+.2} ppm): its clock is not led by the reference clock."
             ));

@@ -198,7 +198,7 @@ fn many_seeds_are_a_table_in_which_each_can_be_repeated() {
         PathBuf::from(&failed).join(format!("run-{}.toml", bad["number"])).display().to_string();
     let text = std::fs::read_to_string(text).expect("it is kept");
     let command = text.lines().last().and_then(|line| line.strip_prefix("# isocat ")).expect(&text);
-    assert!(command.contains("--lateness 40000ns"), "{command}");
+    assert!(command.contains("--lateness 40us"), "{command}");
     let again = Command::new("sh").args(["-c", &format!("{ISOCAT} {command}")]).output();
     let errors = String::from_utf8_lossy(&again.expect("a shell").stderr).into_owned();
     assert!(errors.contains(bad["wire"].as_str().expect("a hash")), "{errors}");

@@ -183,9 +183,10 @@ impl Case<'_> {
             is_lost && finding.position == Some(self.position)
         });
         let Some(lost) = lost else { return false };
-        let since = lost
-            .since_ns
-            .map_or(String::new(), |ns| format!(" from {:.3} s of the run on", ns as f64 / 1e9));
+        let since = lost.since_ns.map_or(String::new(), |ns| {
+            let ms = ns / 1_000_000;
+            format!(" from {}.{:03} s of the run on", ms / 1_000, ms % 1_000)
+        });
         self.causes.push(format!(
             "No frame reached it{since}: a cable on the way to it was pulled or is broken, or it, or a SubDevice before it, had no power."
         ));

@@ -114,6 +114,7 @@ static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
         isocat_engine::report::FORMAT,
         isocat_engine::plan::report::FORMAT,
         isocat_engine::report::scan::FORMAT,
+        #[cfg(target_os = "linux")]
         isocat_engine::report::interface::FORMAT,
         isocat_diagnose::report::FORMAT,
     ];

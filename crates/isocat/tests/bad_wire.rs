@@ -128,7 +128,7 @@ impl<F: FnMut(u64) -> Fate> Bench<F> {
         self.returning.push_back((back + 20_000 + late, bytes));
     }
 
-    /// Writes to registers past the MainDevice, as somebody else would.
+    /// Writes to registers without the MainDevice, as another sender would.
     fn write(&mut self, command: Command, address: Address, data: &[u8]) {
         let mut buffer = [0; FRAME_LEN];
         let mut frame = frame::FrameWriter::new(&mut buffer, [2, 0, 0, 0, 0, 1]);
@@ -205,7 +205,7 @@ fn a_segment_that_does_not_mark_frames_comes_up() {
         for device in bench.segment.devices() {
             assert_eq!(device.esc.register(register::DL_CONTROL) & 1, 1, "{what}");
         }
-        // And cleared by somebody while it runs.
+        // And cleared from outside while it runs.
         bench.write(command, place(register::DL_CONTROL.address), &[0]);
         assert_eq!(bench.until(Nanos::millis(50), over), None, "{what}");
         let after = bench.main.statistics();

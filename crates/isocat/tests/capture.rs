@@ -287,7 +287,7 @@ fn more_packets_than_are_held_back_go_on() {
     for number in 0..packets {
         capture.write(Duration::from_nanos(1000 + number), true, &[0; 60]);
     }
-    // Ten are written: this one can't stand before them any more, and says so to nobody.
+    // Ten are written, so this one cannot stand before them any more and is dropped.
     capture.write(Duration::from_nanos(1), true, &[7; 60]);
     capture.comment(Duration::from_nanos(2), "late".to_owned());
     let file = capture.finish().expect("a Vec takes everything");

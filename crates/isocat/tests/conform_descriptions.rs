@@ -43,7 +43,7 @@ fn examine(file: SegmentFile) -> DeviceReport {
     conform::examine(&mut wire, 0, "stand-in", &hints, |_| true, |_| ()).expect("what is described")
 }
 
-/// At most so many types of a file: some list hundreds of a kind.
+/// Most types that are taken of a file: some files list hundreds of a kind.
 const MOST_TYPES: usize = 6;
 
 #[test]

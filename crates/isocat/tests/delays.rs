@@ -234,7 +234,7 @@ fn a_latch_that_not_all_take_is_none() {
     let mut setup = scenario(FORK).run().setup;
     let every = Nanos::millis(5);
     setup.config.delay_watch = Some(DelayWatch { every, latches: 4, rewrite: true });
-    // With it, nobody latches while one is lost.
+    // With it, no device latches while one is lost.
     setup.config.readmission = None;
     let (mut world, _) = operating(setup);
     let before = world.main().statistics();

@@ -132,7 +132,7 @@ fn the_readme_shows_what_the_first_command_prints() {
     let readme = text(&path);
     let printed = String::from_utf8(shell("isocat", &root()).stdout).expect("UTF-8");
     let shown = blocks(&readme, "```text\n")[0];
-    // The first table alone: what stands behind it is for those who run the command.
+    // The first table alone: the rest is for readers who run the command.
     let table = printed.split("\n\n").take(2).collect::<Vec<_>>().join("\n\n") + "\n\n …";
     if std::env::var_os("UPDATE_GOLDEN").is_some() {
         fs::write(&path, readme.replacen(shown, &table, 1)).expect("a writable file");

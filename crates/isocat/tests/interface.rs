@@ -432,7 +432,7 @@ fn another_maindevice_on_the_wire_is_named() {
     let (path, file) = slow_segment("interface_talk");
     let talking = Arc::new(AtomicBool::new(true));
     let talks = talking.clone();
-    // Beside the segment: a frame of somebody else every 5 ms.
+    // Beside the segment: a foreign frame every 5 ms.
     let end = wire.segment_end();
     let socket = RawSocket::open(&end, Some(wire.namespace())).expect("our own interface");
     let talker = std::thread::spawn(move || {
@@ -474,12 +474,12 @@ fn the_machine_is_looked_at_without_sending() {
 #[test]
 fn an_interface_that_this_user_may_not_open_is_bad_input() {
     use std::os::unix::process::CommandExt;
-    // A user who may do nothing need not be able to reach the program either.
+    // A user without rights may not be able to reach the program either.
     let folder = std::env::temp_dir().join(format!("isocat-{}", std::process::id()));
     let program = folder.join("isocat");
     std::fs::create_dir_all(&folder).expect("a folder");
     std::fs::copy(env!("CARGO_BIN_EXE_isocat"), &program).expect("a copy");
-    // Opening is refused before it matters that there is nobody called so.
+    // Opening is refused before the missing name matters.
     let arguments = ["run", "--interface", "isocat-none", "--any"];
     let output = Command::new(&program).args(arguments).uid(65_534).gid(65_534).output();
     let removed = std::fs::remove_dir_all(&folder);

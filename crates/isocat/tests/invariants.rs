@@ -1,4 +1,4 @@
-//! The house rules that a test can keep: who may import what, and what stands nowhere.
+//! The house rules that a test can keep: allowed imports, and words that must not appear.
 
 use std::fs;
 use std::path::{Path, PathBuf};

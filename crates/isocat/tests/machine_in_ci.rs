@@ -18,7 +18,7 @@ fn copy(name: &str, change: impl FnOnce(String) -> String) -> PathBuf {
     // run.
     let copied = Command::new("cp").arg("-r").arg(example()).arg(&folder).status();
     assert!(copied.expect("cp starts").success());
-    // Results of somebody who tried the example where it is.
+    // Results of a user who tried the example in place.
     let _ = std::fs::remove_dir_all(folder.join("results"));
     let path = folder.join("machine.toml");
     let machine = std::fs::read_to_string(&path).expect("it is there");

@@ -203,7 +203,7 @@ fn a_damaged_sii_is_nobody_elses() {
         assert!(outcome.world.main().segment().devices[1..].iter().all(|device| device.admitted));
         (report, outcome.world.main().segment().devices.clone())
     };
-    // A mailbox that nobody has.
+    // A mailbox that no device has.
     let (report, devices) = run(&|image| image[0x30] = 7);
     assert!(report.in_sync, "{}", report.verdict);
     let receive: Vec<u16> = devices.iter().map(|device| device.sii.header.receive.start).collect();

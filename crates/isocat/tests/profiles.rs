@@ -130,7 +130,7 @@ fn compare(bench: &mut Bench, profile: &Profile, index: u16, object: &Json) -> u
     entries.len()
 }
 
-/// 0x1C12 and 0x1C13: who may write them, and what is assigned at power-on.
+/// 0x1C12 and 0x1C13: in which states they can be written, and what is assigned at power-on.
 fn assignment(bench: &mut Bench, profile: &Profile, index: u16, assign: &Json) -> usize {
     let published = &assign[format!("{index:04X}")];
     let Some(access) = published["access"].as_str() else { return 0 };

@@ -139,7 +139,7 @@ fn what_can_not_be_compared_is_said() {
     let found = told.len();
     let other = Nothing::OtherSegment { expected: found - 1, found };
     assert_eq!(replay("x", &whole, Some(&told[1..])), Err(other));
-    // Requests that come back as they went, but for the mark: nobody is there.
+    // Requests that come back unchanged except for the mark: no device is there.
     let mut looped = Reading::default();
     for request in only(false).frames.into_iter().take(9) {
         let mut answer = request.clone();

@@ -87,7 +87,7 @@ fn a_whole_ring_runs_as_a_line_does() {
     }
 }
 
-/// The ring cut at one edge for so many milliseconds, and healed.
+/// The ring cut at one edge for a number of milliseconds, and healed.
 struct Cut {
     field: Field,
     cut: Time<True>,
@@ -391,7 +391,7 @@ fn cables_pulled_and_plugged_anyhow() {
         let text = LINE.replace("seed = 5", &format!("seed = {seed}"));
         let recovering = |setup: &mut Setup| {
             with_ring(setup);
-            // Where nothing comes through at all for longer than a watchdog, nobody is lost.
+            // Where nothing comes through for longer than a watchdog, no device counts as lost.
             let (first, longest) = (Nanos::millis(100), Nanos::millis(1_600));
             setup.config.recovery = Recovery::BackOff { first, longest };
         };

@@ -144,7 +144,7 @@ fn filling_the_board_allocates_nothing() {
     let before = run(true).flatten().expect("filled").host.cycles;
     let unseen = allocation_counter::measure(|| drop(run(false)));
     assert_eq!(unseen.count_total, 0, "{unseen:?}");
-    // It counts: who looks takes a copy.
+    // The counter works: every reader takes a copy.
     let looked = allocation_counter::measure(|| drop(run(true)));
     assert!(looked.count_total > 0);
     let after = run(true).flatten().expect("filled").host.cycles;

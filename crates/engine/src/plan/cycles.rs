@@ -72,7 +72,7 @@ pub struct DeviceAt {
     pub mode: SyncMode,
     /// Why not a higher mode; empty if this is the one asked for or the highest.
     pub mode_reason: String,
-    /// Its process data travel in every so many bus cycles.
+    /// Its process data are exchanged in every n-th bus cycle.
     pub every: u32,
     /// Least slack of its lines of the cycle; of all its lines where one does not fit. Null without
     /// lines.

@@ -128,7 +128,7 @@ impl Run {
         Self { world, seen }
     }
 
-    /// Lets so many milliseconds pass; every 7 ms `disturb` is asked.
+    /// Lets this number of milliseconds pass; every 7 ms `disturb` is called.
     fn run(&mut self, ms: i64, disturb: impl Fn(&mut Segment, Time<True>, i64)) {
         let begin = self.world.now();
         for at in (0..ms).step_by(7) {
@@ -253,7 +253,7 @@ fn cycles_without_process_data_call_nobody() {
     run.run(2_000, nothing);
     assert_eq!(run.world.main().next_cycle(), None, "it has ended");
     let (seen, witness) = (run.seen.0.borrow(), run.world.application());
-    // What is sent on the way from SAFEOP to INIT calls nobody either.
+    // Frames on the way from SAFEOP to INIT do not call the application either.
     assert!(seen.told - witness.calls >= before);
     assert_eq!((&seen.wrong[..], &witness.wrong[..]), (&[][..], &[][..]));
 }

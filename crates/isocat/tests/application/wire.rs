@@ -19,13 +19,13 @@ use crate::line::{self, IN_A_FRAME};
 use crate::witness::Witness;
 
 const CYCLE: Nanos = Nanos::millis(10);
-/// Of so many frames that come back, one is dropped once all are in OP.
+/// Once all are in OP, one of this number of returning frames is dropped.
 const DROPPED: u64 = 23;
 
 /// The line at the far end of a wire, in a thread; it ends when this is dropped.
 struct Responder {
     stop: Arc<AtomicBool>,
-    /// Frames to drop from now on: one of so many; 0: none.
+    /// From now on one of this number of frames is dropped; 0 means none.
     drop_one_of: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }

@@ -16,7 +16,7 @@ use isocat_wire::time::Nanos;
 /// What it saw.
 #[derive(Default)]
 pub struct Witness {
-    /// The number of the last call; shared with whoever sees the frames.
+    /// The number of the last call; shared with the observer of the frames.
     pub called: Rc<Cell<u64>>,
     /// Calls so far.
     pub calls: u64,

@@ -12,7 +12,7 @@ mod wires;
 
 use isocat::fault::WORDS;
 
-/// A word that nobody tried would be a word that does nothing.
+/// Every word is tried: an untried word might do nothing.
 #[test]
 fn every_word_is_tried() {
     let sources = [

@@ -91,7 +91,7 @@ pub fn outcome(text: &str) -> (Seen, Report, Outcome<Watching>) {
     (seen, report, outcome)
 }
 
-/// The onlooker, shared with who asks it afterwards.
+/// The onlooker, shared with the test, which reads it afterwards.
 #[derive(Clone, Default)]
 pub struct Watching(std::rc::Rc<std::cell::RefCell<Seen>>);
 

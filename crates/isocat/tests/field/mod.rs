@@ -123,7 +123,7 @@ impl Field {
         Ok(field)
     }
 
-    /// Runs for so many milliseconds.
+    /// Runs for this number of milliseconds.
     pub fn run(&mut self, milliseconds: i64) {
         let end = self.world.now() + Picos(milliseconds * MS.0);
         while self.world.step(end) {
@@ -133,7 +133,7 @@ impl Field {
         self.world.catch_up();
     }
 
-    /// Runs until this happened, so many milliseconds at most; when it did.
+    /// Runs until this happened, at most this number of milliseconds; returns the instant.
     pub fn until(&mut self, milliseconds: i64, is: impl Fn(&Event) -> bool) -> Time<True> {
         let end = self.world.now() + Picos(milliseconds * MS.0);
         loop {

@@ -98,7 +98,7 @@ fn restated(chance: &mut Chance) -> (u64, u64, bool) {
     match chance.between(0, 5) {
         0 => (needed, needed * 2, false),
         1 => (59_000, chance.between(42_000, 59_000), false),
-        // Above the minimum cycle, which nobody can believe then.
+        // Above the minimum cycle, which contradicts it then.
         2 | 3 => {
             let stated = chance.between(60_001, 120_000);
             (stated, chance.between(1_000, stated), true)
@@ -134,7 +134,7 @@ impl Chance {
         least + self.next() % (most.max(least) - least + 1)
     }
 
-    /// True once in so many.
+    /// True once in this number of draws, on average.
     pub fn one_in(&mut self, count: u64) -> bool {
         self.next().is_multiple_of(count)
     }

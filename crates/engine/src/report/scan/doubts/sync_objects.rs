@@ -103,7 +103,7 @@ impl Doubts {
         let strange = values.sync_type.and_then(|shown| Some((shown, shown_type(shown, types)?)));
         if let Some((shown, why)) = strange {
             let what = format!("{} shows {shown}, {why}: {types}", at(sub::SYNC_TYPE));
-            // 0 may as well mean that nobody has chosen yet.
+            // 0 may as well mean that no type has been chosen yet.
             match shown {
                 SyncType::FREE_RUN => self.asks(NoteKind::FreeRunNotAnnounced, what),
                 _ => self.contradicts(NoteKind::TypeNotAnnounced, what),

@@ -66,7 +66,7 @@ impl Folder {
 impl Drop for Folder {
     fn drop(&mut self) {
         if !self.stays {
-            // It holds nothing that anybody asked for.
+            // It holds nothing that was asked for.
             let _ = fs::remove_dir_all(&self.path);
         }
     }

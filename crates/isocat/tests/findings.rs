@@ -201,7 +201,7 @@ fn wrong_working_counters_have_a_remedy() {
     // So long that watchdogs end: SubDevices leave OP and take no outputs.
     let told = stalled(Nanos::millis(250)).of_segment("working-counter");
     assert!(told.causes[0].contains("did not take or give its process data"), "{told:?}");
-    assert!(told.remedies[0].contains("left OP first"), "{told:?}");
+    assert!(told.remedies[0].contains("the first one with a finding"), "{told:?}");
 }
 
 #[test]

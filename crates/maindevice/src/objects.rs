@@ -500,7 +500,7 @@ mod tests {
 
     use super::*;
 
-    /// SyncManagers of a kind by 0x1C00, in an SII of this number of records, one of which is a window.
+    /// SyncManagers of a kind by 0x1C00, in an SII of `records` records, one of which is a window.
     #[test]
     fn sync_managers_of_a_direction() {
         let plain = SmRecord { start: 0, length: 0, control: 0, status: 0, enable: 0, kind: 0 };

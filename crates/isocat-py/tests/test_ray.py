@@ -55,12 +55,12 @@ def test_the_same_table_to_the_byte(cluster: Any, small: isocat.Segment) -> None
 
 
 def test_workers_that_are_killed(cluster: Any, small: isocat.Segment) -> None:
-    small.set("for", "200ms")
+    small.set("for", "2s")
     over = threading.Event()
     killed: list[int] = []
 
     def kill() -> None:
-        while not over.wait(0.3) and len(killed) < 3:
+        while not over.wait(0.1) and len(killed) < 3:
             for process in _workers():
                 os.kill(process, signal.SIGKILL)
                 killed.append(process)

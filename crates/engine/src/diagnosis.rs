@@ -7,10 +7,10 @@
 
 mod place;
 mod text;
+
 use isocat_descriptions::quantity::time;
-use isocat_maindevice::Segment;
-use isocat_maindevice::SegmentChange;
 use isocat_maindevice::segment::Timing;
+use isocat_maindevice::{Segment, SegmentChange};
 use isocat_segment::Scenario;
 use isocat_sim::{Judged, Kind};
 use isocat_sync::budget::{Check, Device, window};

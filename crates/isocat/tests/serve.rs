@@ -236,7 +236,7 @@ fn a_user_without_the_capability_is_told_what_to_grant() {
     if !permitted() {
         return;
     }
-    // Where the user named `nobody` may run it.
+    // In /tmp, so that the system user `nobody` can run it.
     let program = Path::new("/tmp").join(format!("isocat-of-nobody-{}", std::process::id()));
     std::fs::copy(env!("CARGO_BIN_EXE_isocat"), &program).expect("copied");
     let output = Command::new(&program)

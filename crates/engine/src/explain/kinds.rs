@@ -113,7 +113,7 @@ const OF_A_DESCRIPTION: &str = "about a description (ESI)";
 const OF_A_RUN: &str =
     "what the report of the run says beside it: cause and remedy (`diagnoses` in --json)";
 const OF_A_CAPTURE: &str = "what the diagnosis says below it, with the figures of this capture";
-const OF_AN_EEPROM: &str = "the EEPROM's content, if it is yours: `isocat profile FILE --sii OUT` writes one without doubts; \
+const OF_AN_EEPROM: &str = "the EEPROM's content, if it is yours: `isocat sii --from FILE --out OUT` writes one; \
      a device that runs as it is needs nothing";
 const OF_AN_ENI: &str = "the export of the tool that wrote the file, if what was left out or assumed matters: the sentence \
      beside it says how the place was read";

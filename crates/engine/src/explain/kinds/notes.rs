@@ -25,7 +25,7 @@ pub(super) fn change(kind: NoteKind) -> &'static [&'static str] {
             &["the assignment, to fewer areas; else the device can't run with all of them"]
         }
         K::SyncManagerUse | K::BeyondTheMemory | K::Overlap | K::MailboxArea => {
-            &["the EEPROM, if it is yours (`isocat profile FILE --sii OUT`); else ask the maker"]
+            &["the EEPROM, if it is yours (`isocat sii --from FILE --out OUT`); else ask the maker"]
         }
         K::OpModeWithoutClock | K::DcWithoutClock => {
             &["mode, to one without DC: the device has no clock to run by"]

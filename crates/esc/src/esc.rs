@@ -73,6 +73,9 @@ pub struct Esc<M> {
     pub(crate) dl_changed: bool,
     /// An event that has happened and is still to be reported.
     pub(crate) overdue: Option<(Time<Device>, EscEvent)>,
+    /// No unit but the frame in flight and the SYNC unit is due before this. Kept since it is asked
+    /// for several times a cycle.
+    rest: Time<Device>,
     /// Counts changes that may affect [`Esc::reach`].
     pub(crate) reach_version: u32,
     /// The EEPROM acknowledges nothing.
@@ -194,6 +197,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             held_al_events: [0; 2],
             dl_changed: false,
             overdue: None,
+            rest: Time::ZERO,
             reach_version: 0,
             eeprom_is_dead: false,
             lane: true,
@@ -226,6 +230,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// The same ESC with its local time at `local` at device time zero.
     pub fn with_local_time(mut self, local: Time<Local>) -> Self {
         self.dc.restart(&self.chip, local.count(), Time::ZERO);
+        self.note_rest();
         self
     }
 
@@ -297,6 +302,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.mii = Mii::new(chip);
         self.mii.show(chip, self.ports.links(), &mut self.registers);
         self.dl_changed = false;
+        self.note_rest();
     }
 
     /// Loads the EEPROM's configuration area into the registers.
@@ -313,6 +319,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             information |= PDI_INFORMATION_ACKNOWLEDGE_BY_WRITE;
         }
         registers.store(register::PDI_INFORMATION, information);
+        self.areas = Known::Nothing;
         self.units = Units::new(&self.chip, registers.load(register::ESC_CONFIGURATION));
         self.shadow.open(&self.units);
         self.al.set_emulation(registers);
@@ -348,6 +355,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if self.units.latch {
             self.settle(at);
             self.dc.set_latch_input(input, level, at, &self.registers);
+            self.note_rest();
         }
     }
 
@@ -359,6 +367,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.dl_changed |= self.ports.update(&self.chip, &mut self.registers, 0);
         self.mii.show(&self.chip, self.ports.links(), &mut self.registers);
         self.reach_version = self.reach_version.wrapping_add(1);
+        self.note_rest();
     }
 
     /// A good frame arrived at a port whose loop may be closed. A loop that closed by itself and
@@ -370,6 +379,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             self.dl_changed |=
                 self.ports.update(&self.chip, &mut self.registers, 1 << port.index());
             self.reach_version = self.reach_version.wrapping_add(1);
+            self.note_rest();
         }
         waits
     }
@@ -415,21 +425,33 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// An instant at or before the next own event. [`step`](Self::step) then handles the event, or
     /// finds its exact time. It is never if no event is due.
-    #[inline]
     pub fn next_event(&self) -> Time<Device> {
         match self.overdue {
             Some((at, _)) => at,
-            // Keep the time of `earliest` only: it is asked for much more often than the kind of
-            // event.
-            None => {
-                let next = (self.flight.end.min(self.dc.sync.due()))
-                    .min(self.watchdog.due().min(self.pdi_watchdog.due()))
-                    .min(self.eeprom.due().min(self.ports.due()))
-                    .min(self.dc.latch.due().min(self.mii.due()));
-                debug_assert_eq!(next, self.earliest().0, "the same units are asked");
-                next
-            }
+            None => self.earliest().0,
         }
+    }
+
+    /// The same, faster and perhaps earlier.
+    #[inline]
+    pub fn quiet_until(&self) -> Time<Device> {
+        debug_assert!(self.rest <= self.rest_due(), "a unit is due earlier than was noted");
+        match self.overdue {
+            Some((at, _)) => at,
+            None => self.flight.end.min(self.dc.sync.due()).min(self.rest),
+        }
+    }
+
+    /// The earliest due time of the units that are seldom due.
+    fn rest_due(&self) -> Time<Device> {
+        (self.watchdog.due().min(self.pdi_watchdog.due()))
+            .min(self.eeprom.due().min(self.ports.due()))
+            .min(self.dc.latch.due().min(self.mii.due()))
+    }
+
+    /// Called after any of these units may have become due earlier.
+    pub(crate) fn note_rest(&mut self) {
+        self.rest = self.rest_due();
     }
 
     /// Handles the earliest own event at or before `limit` and names it; `None` when none is left.
@@ -438,17 +460,22 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             if self.overdue.is_some_and(|(at, _)| at <= limit) {
                 return self.overdue.take();
             }
-            let at = self.next_event();
+            let at = self.quiet_until();
             if at > limit || at == Time::NEVER {
                 return None;
             }
             // Events of every cycle are tested first.
-            let due = match at {
-                _ if at == self.flight.end => Due::FrameEnd,
-                _ if at == self.dc.sync.due() => Due::Sync,
-                _ => self.earliest().1,
+            let event = match at {
+                _ if at == self.flight.end => Some(self.end_frame()),
+                _ if at == self.dc.sync.due() => self.fire(),
+                // As a rule a watchdog was restarted since it was noted.
+                _ if self.rest_due() > at => None,
+                _ => self.handle(self.earliest().1),
             };
-            if let Some(event) = self.handle(due) {
+            if at == self.rest {
+                self.note_rest();
+            }
+            if let Some(event) = event {
                 return Some((at, event));
             }
         }
@@ -651,13 +678,17 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         earliest
     }
 
+    fn fire(&mut self) -> Option<EscEvent> {
+        self.dc.fire(&self.registers).map(|output| match output {
+            Output::Sync0 => EscEvent::Sync0,
+            Output::Sync1 => EscEvent::Sync1,
+        })
+    }
+
     fn handle(&mut self, due: Due) -> Option<EscEvent> {
         match due {
             Due::FrameEnd => Some(self.end_frame()),
-            Due::Sync => self.dc.fire(&self.registers).map(|output| match output {
-                Output::Sync0 => EscEvent::Sync0,
-                Output::Sync1 => EscEvent::Sync1,
-            }),
+            Due::Sync => self.fire(),
             Due::Latch => {
                 let before = self.dc.latch.al_events(&self.registers);
                 let stored = self.dc.sample_latches(&self.registers);
@@ -729,6 +760,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// A buffer that triggers the watchdog was completed.
     pub(crate) fn trigger_watchdog(&mut self, now: Time<Device>) {
         self.watchdog.restart(now);
+        self.rest = self.rest.min(self.watchdog.due());
+    }
+
+    /// The local CPU accesses the ESC.
+    #[inline]
+    pub(crate) fn trigger_pdi_watchdog(&mut self, now: Time<Device>) {
+        self.pdi_watchdog.restart(now);
+        self.rest = self.rest.min(self.pdi_watchdog.due());
     }
 }
 

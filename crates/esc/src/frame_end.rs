@@ -50,6 +50,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if let Some(state) = state {
             al_events |= self.seen_without_cpu(exchanged.units, state);
         }
+        self.note_rest();
         EscEvent::FrameEnd { al_events }
     }
 
@@ -74,6 +75,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         {
             return;
         }
+        self.areas = Known::Nothing;
         let Self { shadow, registers, .. } = self;
         let loops_before = registers.byte(register::DL_CONTROL.address + 1);
         for (address, value) in shadow.written() {
@@ -148,10 +150,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         if shadow.touches_page(0x0600) {
             self.fmmus.configure(registers);
-            self.areas = Known::Nothing;
         }
         if shadow.touches_page(0x0800) {
-            self.areas = Known::Nothing;
             for number in 0..16 {
                 let first = register::sync_manager(number).address;
                 if shadow.touches(first..first + SM_LEN) {

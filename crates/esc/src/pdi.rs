@@ -77,7 +77,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
     #[inline]
     pub(crate) fn new(esc: &'a mut Esc<M>, now: Time<Device>) -> Self {
         if esc.registers.load(register::PDI_CONTROL) != PDI_DIGITAL_IO {
-            esc.pdi_watchdog.restart(now);
+            esc.trigger_pdi_watchdog(now);
         }
         if esc.dl_status().0 & DlStatus::PDI_WATCHDOG == 0 {
             dl::set_status(&mut esc.registers, DlStatus::PDI_WATCHDOG, true);
@@ -333,6 +333,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'_, M> {
             });
             self.latch_buffer_times(outcome);
         }
+        self.esc.note_rest();
     }
 
     fn write_any(&mut self, address: u16, data: &[u8]) {
@@ -360,5 +361,6 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'_, M> {
                 self.latch_buffer_times(outcome);
             }
         }
+        self.esc.note_rest();
     }
 }

@@ -50,11 +50,12 @@ impl Area {
 /// What is known about the [`Areas`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Known {
-    /// FMMUs or SyncManagers have changed since the last search.
+    /// Registers have changed since the last search.
     Nothing,
     /// The setup is not usual.
     Unusual,
-    /// The setup is usual.
+    /// The setup is usual: all of the process RAM that SyncManagers use is there, and may be
+    /// accessed and written.
     Usual(Areas),
 }
 
@@ -81,6 +82,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// time of the simulation depends on it.
     pub fn set_lane(&mut self, on: bool) {
         self.lane = on;
+        self.areas = Known::Nothing;
     }
 
     /// Answers a datagram of regular operation and returns its working counter increment. `None`:
@@ -142,15 +144,13 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let areas = match self.areas {
             Known::Usual(areas) => areas,
             Known::Unusual => return None,
-            Known::Nothing => {
+            Known::Nothing if self.is_regular_ram() => {
                 let found = self.find_areas();
                 self.areas = found.map_or(Known::Unusual, Known::Usual);
                 found?
             }
+            Known::Nothing => return None,
         };
-        if !self.is_regular_ram() || self.is_protected(PROCESS_RAM) {
-            return None;
-        }
         let place = |area: Option<Area>, wanted: bool| match area.filter(|_| wanted) {
             None => Some(None),
             Some(area) => Some(Some((area.place(address, data.len())?, area.sync_manager))),
@@ -203,7 +203,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     #[inline]
     pub(crate) fn read_regular_outputs(&mut self, address: u16, data: &mut [u8]) -> bool {
         let Known::Usual(Areas { outputs: Some(area), .. }) = self.areas else { return false };
-        if !area.is(address, data.len()) || !self.is_regular_ram() {
+        if !area.is(address, data.len()) {
             return false;
         }
         let Self { sync_managers, registers, ram, .. } = self;
@@ -222,7 +222,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     #[inline]
     pub(crate) fn write_regular_inputs(&mut self, address: u16, data: &[u8]) -> Option<bool> {
         let Known::Usual(Areas { inputs: Some(area), .. }) = self.areas else { return None };
-        if !area.is(address, data.len()) || !self.is_regular_ram() {
+        if !area.is(address, data.len()) {
             return None;
         }
         let Self { sync_managers, registers, ram, .. } = self;
@@ -234,12 +234,13 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         Some(watchdog)
     }
 
-    /// Whether process RAM can be accessed, and contains every buffer that SyncManagers use.
-    #[inline]
+    /// Whether process RAM can be accessed and written, and contains every buffer that SyncManagers
+    /// use.
     fn is_regular_ram(&self) -> bool {
         let reserved = self.sync_managers.reserved_end().wrapping_sub(PROCESS_RAM.into());
         let end = self.ram_len.min(self.ram.as_ref().len());
-        self.lane && reserved <= end && self.is_operational()
+        let protected = self.registers.load(register::ESC_WRITE_PROTECTION) & 1 != 0;
+        self.lane && reserved <= end && self.is_operational() && !protected
     }
 
     /// Ends a frame that brought only process data and the system time. `None`: the frame brought

@@ -298,7 +298,7 @@ impl Device {
         debug_assert!(self.powered, "no frame gets to a SubDevice without power");
         self.frame = frame;
         self.esc.label_frame(frame.count());
-        self.quiet_until = self.quiet_until.min(self.esc.next_event());
+        self.quiet_until = self.quiet_until.min(self.esc.quiet_until());
     }
 
     /// Called after ESC or stack may have been changed from outside: all due times are computed
@@ -316,7 +316,7 @@ impl Device {
             if !self.ready.is_empty() {
                 self.do_ready(limit, watch);
             }
-            let (cpu, esc) = (self.cpu.next(), self.esc.next_event());
+            let (cpu, esc) = (self.cpu.next(), self.esc.quiet_until());
             let at = cpu.min(esc).min(self.timeout);
             if at > limit {
                 self.quiet_until = at;
@@ -390,7 +390,7 @@ impl Device {
             return self.put_ready(0);
         }
         // What the CPU does at an instant, it does before all that the ESC does then.
-        let mut free_until = limit.min(self.esc.next_event()).min(self.timeout);
+        let mut free_until = limit.min(self.esc.quiet_until()).min(self.timeout);
         let mut number = 0;
         while let Some((step, begin, end)) = self.ready.step(number) {
             if begin > free_until {
@@ -412,14 +412,14 @@ impl Device {
                     self.begin(begin, step, watch);
                     // A buffer that changes hands may restart a watchdog, and may move what the
                     // stack waits for.
-                    free_until = limit.min(self.esc.next_event()).min(self.timeout);
+                    free_until = limit.min(self.esc.quiet_until()).min(self.timeout);
                     if end > free_until {
                         self.cpu.put_end(step, end);
                         return self.put_ready(number);
                     }
                     self.tell_time(end);
                     self.finish(end, step, watch);
-                    free_until = limit.min(self.esc.next_event()).min(self.timeout);
+                    free_until = limit.min(self.esc.quiet_until()).min(self.timeout);
                 }
             }
         }

@@ -146,11 +146,35 @@ pub(super) struct Steering {
     counted: i64,
     /// Number of received times in this block, and the length of the block in ns.
     block: (u32, i64),
+    scale: Scale,
+}
+
+/// Numbers that follow from register 0x0930, kept since it hardly ever changes.
+#[derive(Clone, Copy, Default, Debug)]
+struct Scale {
+    /// The register; 0 before the first time is received.
+    start: u16,
+    /// The change of the period by the largest speed counter difference, by [`speed_at`].
+    largest: i64,
+    /// The same by [`fastest`].
+    fastest: i64,
+    /// The root of the last [`counter_difference`], where the search for the next one begins.
+    root: u64,
+}
+
+impl Scale {
+    fn of(start: u16) -> Self {
+        let largest = speed_at(range(start), start);
+        Self { start, largest, fastest: fastest(start), root: 1 << 24 }
+    }
 }
 
 impl Steering {
     /// Handles a received system time. Returns the step of the local time, ns.
     pub fn follow(&mut self, law: DriftLaw, received: &Received) -> i64 {
+        if self.scale.start != received.start {
+            self.scale = Scale::of(received.start);
+        }
         match law {
             DriftLaw::Hold { phase } => {
                 self.drift(received);
@@ -200,7 +224,7 @@ impl Steering {
     /// Law `Hold`: the growth of the difference since the last received time corrects the speed.
     fn hold(&mut self, received: &Received) {
         let interval = received.interval.clamp(1, LONGEST);
-        let most = (interval * speed_at(range(received.start), received.start)) >> 20;
+        let most = (interval * self.scale.largest) >> 20;
         let grown = (self.drifted - self.counted).clamp(-most, most);
         let rest = self.drifted - self.counted - grown;
         // A remainder of the size of ticks and nibbles may be left for the next time. A jump is not
@@ -211,7 +235,7 @@ impl Steering {
         let drifts = !received.first && rest.abs() <= jump;
         self.counted = self.drifted - if drifts { rest.clamp(-grain, grain) } else { 0 };
         let deviation = ((grown << 20) / interval) << 20;
-        let limit = fastest(received.start);
+        let limit = self.scale.fastest;
         self.speed = (self.speed - (deviation >> received.speed_depth)).clamp(-limit, limit);
     }
 
@@ -228,7 +252,7 @@ impl Steering {
         if self.block.0 < 1 << received.speed_depth {
             return;
         }
-        let limit = fastest(received.start);
+        let limit = self.scale.fastest;
         let grown = i128::from(self.drifted - self.counted) << 40;
         let deviation = grown / i128::from(self.block.1);
         let deviation = deviation.clamp(i128::from(-2 * limit), i128::from(2 * limit)) as i64;
@@ -240,7 +264,8 @@ impl Steering {
     /// Applies the whole speed counter difference that compensates the mean deviation.
     fn apply_speed(&mut self, start: u16) {
         let limit = i64::from(range(start));
-        let whole = counter_difference(self.speed, start).clamp(-limit, limit);
+        let whole = counter_difference(self.speed, start, &mut self.scale.root);
+        let whole = whole.clamp(-limit, limit);
         self.applied = whole << FRACTION;
         self.mean = self.applied;
     }
@@ -316,14 +341,29 @@ fn fastest(start: u16) -> i64 {
 /// The whole speed counter difference that is nearest to changing the period by `speed`, 2^-60: the
 /// published speed = D / (5 (A + D) (A - D)) solved for D.
 ///
-/// D = 10 y A² / (1 + sqrt(1 + (10 y A)²)).
-fn counter_difference(speed: i64, start: u16) -> i64 {
+/// D = 10 y A² / (1 + sqrt(1 + (10 y A)²)). `root` is a root that was found before, and the new one
+/// after the call.
+fn counter_difference(speed: i64, start: u16, root: &mut u64) -> i64 {
     let a = i64::from(start) + 2;
     let speed = speed >> 20;
     let tenfold = (10 * speed * a) >> 16;
-    let root = ((1u64 << 48) + tenfold.unsigned_abs().pow(2)).isqrt() as i64;
-    let fixed = 10 * speed * a * a / ((1 << 24) + root);
+    *root = root_near((1u64 << 48) + tenfold.unsigned_abs().pow(2), *root);
+    let fixed = 10 * speed * a * a / ((1 << 24) + *root as i64);
     (fixed + (1 << 15)) >> 16
+}
+
+/// The square root of a number, rounded down, which is probably near `guess` (not 0).
+fn root_near(number: u64, guess: u64) -> u64 {
+    let is_root = |root: u64| {
+        let left = root.checked_mul(root).and_then(|square| number.checked_sub(square));
+        left.is_some_and(|left| left <= 2 * root)
+    };
+    if is_root(guess) {
+        return guess;
+    }
+    // One step of Newton's method.
+    let next = guess.saturating_add(number / guess) / 2;
+    if is_root(next) { next } else { number.isqrt() }
 }
 
 /// Rounds to the nearest whole number.
@@ -359,10 +399,23 @@ mod tests {
             for d in (-most..=most).step_by((most as usize / 50).max(1)) {
                 let d = d as f64;
                 let speed = d / (5.0 * (a + d) * (a - d)) * (1u64 << 60) as f64;
-                assert_eq!(counter_difference(speed as i64, start), d as i64, "start {start:#x}");
+                let found = counter_difference(speed as i64, start, &mut (1 << 24));
+                assert_eq!(found, d as i64, "start {start:#x}");
             }
-            assert_eq!(counter_difference(fastest(start), start), most, "start {start:#x}");
-            assert_eq!(counter_difference(-fastest(start), start), -most, "start {start:#x}");
+            for (speed, expected) in [(fastest(start), most), (-fastest(start), -most)] {
+                let found = counter_difference(speed, start, &mut (1 << 24));
+                assert_eq!(found, expected, "start {start:#x}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_root_is_the_same_from_every_guess() {
+        let numbers = [1, 2, 3, 4, 8, 9, 1 << 48, (1 << 48) + 1, u64::MAX - 1, u64::MAX];
+        for number in numbers {
+            for guess in [1, 2, 1 << 24, (1 << 24) + 1, u64::from(u32::MAX), u64::MAX] {
+                assert_eq!(root_near(number, guess), number.isqrt(), "{number} from {guess}");
+            }
         }
     }
 

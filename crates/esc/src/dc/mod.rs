@@ -294,8 +294,7 @@ impl DcUnit {
         registers: &mut Registers,
     ) {
         let copy = (self.system(start) as u32).wrapping_sub(self.delay);
-        let byte = |address: u16| Some(received[usize::from(address - 0x0910) & 3]);
-        self.compare((start, end), copy, byte, registers);
+        self.steer((start, end), copy, u32::from_le_bytes(received), registers);
     }
 
     /// Handles a system time of another segment that the PDI has written. It belongs to the last
@@ -325,7 +324,17 @@ impl DcUnit {
         for (address, byte) in (0x0910..).zip(&mut received) {
             *byte = written(address).unwrap_or(*byte);
         }
-        let received = u32::from_le_bytes(received);
+        self.steer((at, from), copy, u32::from_le_bytes(received), registers);
+    }
+
+    /// Compares the own time `copy` with the time received at `at`, and steers from `from` on.
+    fn steer(
+        &mut self,
+        (at, from): (Time<Device>, Time<Device>),
+        copy: u32,
+        received: u32,
+        registers: &mut Registers,
+    ) {
         let settings = Settings {
             start: registers.load(register::SPEED_COUNTER_START),
             time_depth: registers.load(register::TIME_FILTER_DEPTH),

@@ -60,6 +60,8 @@ pub(crate) struct SyncUnit {
     without_edge: [u32; 2],
     /// The due time of SYNC0 may be earlier than its pulse; it is never later.
     rough: bool,
+    /// The earliest due time, kept since it is asked for more often than it changes.
+    due: Time<Device>,
 }
 
 /// One of the two signals.
@@ -111,6 +113,7 @@ impl SyncUnit {
             debug_at: Time::NEVER,
             without_edge: [0; 2],
             rough: false,
+            due: Time::NEVER,
         }
     }
 
@@ -204,6 +207,12 @@ impl SyncUnit {
             self.sync0.plan(&instant);
             self.sync1.plan(&instant);
         }
+        self.note_due();
+    }
+
+    /// Finds the earliest due time.
+    fn note_due(&mut self) {
+        self.due = self.sync0.due.min(self.sync1.due).min(self.debug_at);
     }
 
     /// Places the due time behind a SYNC0 pulse at `now`, when the system time is `system`, only
@@ -221,6 +230,7 @@ impl SyncUnit {
             let least = ahead * TICK / (TICK + 1) - 2 * TICK;
             self.sync0.due = Time::new(now.count() + least);
             self.rough = true;
+            self.note_due();
         }
         !is_near
     }
@@ -231,8 +241,9 @@ impl SyncUnit {
     }
 
     /// When [`Self::fire`] is due.
-    pub fn due(&self) -> Time<Device> {
-        self.sync0.due.min(self.sync1.due).min(self.debug_at)
+    #[inline]
+    pub const fn due(&self) -> Time<Device> {
+        self.due
     }
 
     /// Handles the earliest due time, at which the system time is `system`. Returns the edge, if

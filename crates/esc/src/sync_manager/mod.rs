@@ -67,6 +67,8 @@ pub(crate) struct SyncManagers {
     guarding: u16,
     /// The guarding units whose area no other unit overlaps.
     alone: u16,
+    /// Those of them that are [plain](Unit::is_plain), if the PDI releases buffers by reading.
+    plain: u16,
     /// The address behind the last buffer of all units.
     reserved_end: usize,
     /// Units whose buffer the frame in flight closed.
@@ -97,6 +99,7 @@ impl SyncManagers {
             count,
             guarding: 0,
             alone: 0,
+            plain: 0,
             reserved_end: 0,
             closing: 0,
             changed: 0,
@@ -205,6 +208,21 @@ impl SyncManagers {
         let mut exchanged = Exchanged { units: closed, ..Exchanged::default() };
         for number in bits(closed) {
             let unit = &mut self.units[number];
+            if self.plain & 1 << number != 0 {
+                let event = unit.config.control & SyncManager::CONTROL_AL_EVENT != 0;
+                let before = if unit.config.is_ecat_write() {
+                    let before = unit.int_written;
+                    self.labels[number][unit.producer()] = label;
+                    exchanged.watchdog |= unit.written();
+                    before
+                } else {
+                    core::mem::replace(&mut unit.int_read, true)
+                };
+                unit.ecat_open = false;
+                exchanged.al_events |= u32::from(event && !before) * al_event::sync_manager(number);
+                self.show(number, registers);
+                continue;
+            }
             if unit.config.is_ecat_write() {
                 self.labels[number][unit.buffer(Direction::Write)] = label;
             }
@@ -338,7 +356,14 @@ impl SyncManagers {
             self.touched |= 1 << number;
             self.before[number] = *unit;
         }
-        let place = unit.admit(Side::Ecat, direction, 0)?;
+        let is_plain = self.plain & 1 << number != 0;
+        let place = match direction {
+            _ if !is_plain || unit.direction_of(Side::Ecat) != direction => {
+                unit.admit(Side::Ecat, direction, 0)?
+            }
+            Direction::Write => unit.write_whole(Side::Ecat),
+            Direction::Read => unit.read_whole(Side::Ecat)?,
+        };
         unit.ecat_open = false;
         self.closing |= 1 << number;
         self.show(number, registers);
@@ -356,17 +381,21 @@ impl SyncManagers {
         number: usize,
     ) -> Option<(usize, bool)> {
         let unit = &mut self.units[number];
-        if self.release_by_write
-            || unit.config.activate & SyncManager::LATCH_PDI != 0
-            || !unit.admits(Side::Pdi, direction)
-        {
+        if self.plain & 1 << number == 0 || unit.direction_of(Side::Pdi) != direction {
             return None;
         }
-        let place = unit.admit(Side::Pdi, direction, 0)?;
-        if direction == Direction::Write {
-            self.labels[number][unit.buffer(direction)] = self.pdi_label;
-        }
-        let watchdog = unit.complete(Side::Pdi);
+        let (place, watchdog) = match direction {
+            Direction::Write => {
+                let place = unit.write_whole(Side::Pdi);
+                self.labels[number][unit.producer()] = self.pdi_label;
+                (place, unit.written())
+            }
+            Direction::Read => {
+                let place = unit.read_whole(Side::Pdi)?;
+                unit.int_read = true;
+                (place, false)
+            }
+        };
         self.show(number, registers);
         Some((place, watchdog))
     }
@@ -429,7 +458,7 @@ impl SyncManagers {
 
     /// Finds the units whose areas no other unit's buffers overlap, and the end of the last buffer.
     fn find_alone(&mut self) {
-        (self.alone, self.reserved_end) = (0, 0);
+        (self.alone, self.plain, self.reserved_end) = (0, 0, 0);
         for number in bits(self.guarding) {
             let unit = &self.units[number];
             let (start, end) = (usize::from(unit.config.start), unit.end());
@@ -440,6 +469,7 @@ impl SyncManagers {
             });
             if !shared {
                 self.alone |= 1 << number;
+                self.plain |= u16::from(unit.is_plain() && !self.release_by_write) << number;
             }
         }
     }
@@ -488,8 +518,7 @@ impl SyncManagers {
     }
 
     fn show(&self, number: usize, registers: &mut Registers) {
-        let status = self.units[number].status(self.shows_in_use);
-        registers.set_byte(sync_manager(number).address + 5, status);
+        registers.set_sync_manager_status(number, self.units[number].status(self.shows_in_use));
     }
 }
 

@@ -80,6 +80,11 @@ impl Unit {
             && self.config.start >= register::PROCESS_RAM
     }
 
+    /// Index of the buffer being written, if it has three.
+    pub fn producer(&self) -> usize {
+        usize::from(self.producer)
+    }
+
     /// The buffer that `direction` accesses.
     pub fn buffer(&self, direction: Direction) -> usize {
         match direction {
@@ -98,12 +103,50 @@ impl Unit {
         }
     }
 
-    /// Whether a whole access to three buffers is allowed: it is [admitted](Self::admit) then.
-    #[inline]
-    pub fn admits(&self, side: Side, direction: Direction) -> bool {
-        self.direction_of(side) == direction
+    /// Whether it is enabled, has three buffers, and records no times: [`Self::write_whole`],
+    /// [`Self::read_whole`] and [`Self::written`] then have the same effect as the general
+    /// functions.
+    pub fn is_plain(&self) -> bool {
+        self.config.is_enabled()
+            && self.is_buffered()
             && self.config.pdi_control & PDI_DEACTIVATED == 0
-            && (direction == Direction::Write || self.filled)
+            && self.config.activate & (SyncManager::LATCH_ECAT | SyncManager::LATCH_PDI) == 0
+    }
+
+    /// Opens its buffer for a write of all of it; returns its place in memory. It must be
+    /// [plain](Self::is_plain), and the side must be the one that writes.
+    #[inline]
+    pub fn write_whole(&mut self, side: Side) -> usize {
+        self.int_read = false;
+        self.set_open(side, false);
+        usize::from(self.config.start)
+            + usize::from(self.producer) * usize::from(self.config.length)
+    }
+
+    /// The same for a read of all of it. `None`: nothing was written yet.
+    #[inline]
+    pub fn read_whole(&mut self, side: Side) -> Option<usize> {
+        if !self.filled {
+            return None;
+        }
+        if self.fresh {
+            core::mem::swap(&mut self.consumer, &mut self.next);
+            self.fresh = false;
+        }
+        self.int_written = false;
+        self.set_open(side, false);
+        let place = usize::from(self.consumer) * usize::from(self.config.length);
+        Some(usize::from(self.config.start) + place)
+    }
+
+    /// The side that writes has written all of it, and the buffer changes hands. Returns whether
+    /// this triggers the watchdog.
+    #[inline]
+    pub fn written(&mut self) -> bool {
+        (self.int_written, self.int_read, self.filled) = (true, false, true);
+        core::mem::swap(&mut self.producer, &mut self.next);
+        self.fresh = true;
+        self.config.control & SyncManager::CONTROL_WATCHDOG != 0
     }
 
     /// Whether an access at `offset` of the area is allowed. Returns its place in memory.
@@ -195,6 +238,7 @@ impl Unit {
     }
 
     /// The status byte. `in_use`: the bits for buffers in use exist.
+    #[inline]
     pub fn status(&self, in_use: bool) -> u8 {
         let last_written = match (self.config.is_mailbox(), self.filled) {
             (true, _) => 0,
@@ -208,17 +252,21 @@ impl Unit {
                 }
             }
         };
+        let bit = |set: bool, bit: u8| u8::from(set) * bit;
+        let status = bit(self.int_written, SyncManager::STATUS_WRITTEN)
+            | bit(self.int_read, SyncManager::STATUS_READ)
+            | bit(self.full, SyncManager::STATUS_FULL)
+            | last_written << 4;
+        if !in_use || !(self.ecat_open || self.pdi_open) {
+            return status;
+        }
         let (reading, writing) = match self.direction_of(Side::Ecat) {
             Direction::Write => (self.pdi_open, self.ecat_open),
             Direction::Read => (self.ecat_open, self.pdi_open),
         };
-        let bit = |set: bool, bit: u8| if set { bit } else { 0 };
-        bit(self.int_written, SyncManager::STATUS_WRITTEN)
-            | bit(self.int_read, SyncManager::STATUS_READ)
-            | bit(self.full, SyncManager::STATUS_FULL)
-            | last_written << 4
-            | bit(reading && in_use, SyncManager::STATUS_READING)
-            | bit(writing && in_use, SyncManager::STATUS_WRITING)
+        status
+            | bit(reading, SyncManager::STATUS_READING)
+            | bit(writing, SyncManager::STATUS_WRITING)
     }
 }
 

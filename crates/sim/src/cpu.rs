@@ -79,13 +79,14 @@ pub enum Action {
     Poll,
 }
 
-/// When the steps of one event begin and end.
+/// When the steps of one event begin and end, in ns since the event.
 #[derive(Clone, Copy, Debug)]
 pub struct Times {
-    list: [(Step, Time<Device>, Time<Device>); MAX_STEPS],
-    len: usize,
+    steps: [Step; MAX_STEPS],
+    spans: [(Nanos, Nanos); MAX_STEPS],
+    len: u8,
     /// When the program acknowledges the pulse, if it has to.
-    acknowledge: Option<(Time<Device>, Event)>,
+    acknowledge: Option<(Nanos, Event)>,
     /// Whether each step begins after those in front of it have ended.
     in_order: bool,
 }
@@ -93,7 +94,8 @@ pub struct Times {
 impl Times {
     /// No steps.
     pub const NONE: Self = Self {
-        list: [(Step::MapOutputs, Time::ZERO, Time::ZERO); MAX_STEPS],
+        steps: [Step::MapOutputs; MAX_STEPS],
+        spans: [(Nanos::ZERO, Nanos::ZERO); MAX_STEPS],
         len: 0,
         acknowledge: None,
         in_order: true,
@@ -102,11 +104,6 @@ impl Times {
     /// Removes all steps.
     pub fn clear(&mut self) {
         (self.len, self.acknowledge, self.in_order) = (0, None, true);
-    }
-
-    /// The steps in the order of their start, each with its beginning and its end.
-    pub fn as_slice(&self) -> &[(Step, Time<Device>, Time<Device>)] {
-        &self.list[..self.len]
     }
 
     /// Whether there is nothing to do.
@@ -119,9 +116,14 @@ impl Times {
         self.in_order && self.acknowledge.is_none()
     }
 
-    /// One of the steps, with its beginning and its end.
-    pub fn step(&self, number: usize) -> Option<(Step, Time<Device>, Time<Device>)> {
-        self.as_slice().get(number).copied()
+    /// One of the steps, in the order of their start, with its beginning and its end.
+    #[inline]
+    pub fn step(&self, number: usize) -> Option<(Step, Nanos, Nanos)> {
+        if number >= MAX_STEPS.min(self.len.into()) {
+            return None;
+        }
+        let (begin, end) = self.spans[number];
+        Some((self.steps[number], begin, end))
     }
 }
 
@@ -190,23 +192,17 @@ impl Cpu {
     /// hardware happen at their own instant. `pulse` is a SYNC pulse that must also be
     /// acknowledged; it causes the same interrupt, so it is as late as the steps.
     pub fn start(&mut self, at: Time<Device>, steps: &Steps, pulse: Option<Event>) {
-        let mut times = Times::NONE;
-        self.times(at, steps, pulse, &mut times);
-        self.put(&times, 0);
+        let times = self.times(steps, pulse);
+        self.put(at, &times, 0);
     }
 
-    /// When the steps of an event at `at` begin and end, as [`start`](Self::start) would start
-    /// them. Call this only once for each event, since variations are drawn.
-    pub fn times(
-        &mut self,
-        at: Time<Device>,
-        steps: &Steps,
-        pulse: Option<Event>,
-        times: &mut Times,
-    ) {
-        times.clear();
+    /// When the steps of an event begin and end, as [`start`](Self::start) would start them. Call
+    /// this only once for each event, since variations are drawn, unless the CPU is
+    /// [even](Self::is_even).
+    pub fn times(&mut self, steps: &Steps, pulse: Option<Event>) -> Times {
+        let mut times = Times::NONE;
         if steps.is_empty() && pulse.is_none() {
-            return;
+            return times;
         }
         let of = |(step, _): &(Step, Nanos)| *step == Step::MapOutputs;
         let synchronized = !steps.as_slice().iter().any(of);
@@ -214,8 +210,8 @@ impl Cpu {
         let is_late = (synchronized || pulse.is_some()) && !self.even;
         let late = if is_late { self.jitter.up_to(self.model.jitter.0.max(0) as u64) } else { 0 };
         let late = Nanos(late as i64);
-        times.acknowledge = pulse.map(|pulse| (at + late + self.model.acknowledge, pulse));
-        let at = if synchronized { at + late } else { at };
+        times.acknowledge = pulse.map(|pulse| (late + self.model.acknowledge, pulse));
+        let at = if synchronized { late } else { Nanos::ZERO };
         let mut free = at;
         let mut latched = at;
         for (i, &(step, delay)) in steps.as_slice().iter().enumerate() {
@@ -241,21 +237,27 @@ impl Cpu {
                 latched = begin;
             }
             times.in_order &= free <= begin && begin <= end;
-            times.list[i] = (step, begin, end);
+            (times.steps[i], times.spans[i]) = (step, (begin, end));
             free = free.max(end);
         }
-        times.len = steps.len();
+        times.len = steps.len() as u8;
+        times
     }
 
-    /// Puts the steps from number `from` on onto the agenda; the acknowledge comes before the first
-    /// one.
-    pub fn put(&mut self, times: &Times, from: usize) {
-        if let (0, Some((at, pulse))) = (from, times.acknowledge) {
-            self.insert(at, Action::Acknowledge(pulse));
+    /// Whether its times never vary.
+    pub fn is_even(&self) -> bool {
+        self.even
+    }
+
+    /// Puts the steps of an event at `at`, from number `from` on, onto the agenda; the acknowledge
+    /// comes before the first one.
+    pub fn put(&mut self, at: Time<Device>, times: &Times, from: usize) {
+        if let (0, Some((after, pulse))) = (from, times.acknowledge) {
+            self.insert(at + after, Action::Acknowledge(pulse));
         }
-        for (step, begin, end) in &times.as_slice()[from..] {
-            self.insert(*begin, Action::Begin(*step));
-            self.insert(*end, Action::Finish(*step));
+        for (step, begin, end) in (from..).map_while(|number| times.step(number)) {
+            self.insert(at + begin, Action::Begin(step));
+            self.insert(at + end, Action::Finish(step));
         }
     }
 

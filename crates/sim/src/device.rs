@@ -67,9 +67,11 @@ pub struct Device {
     powered: bool,
     /// See [`Self::set_lane`].
     lane: bool,
-    prepared: Prepared,
-    /// The steps that the present event starts.
+    /// The steps of each event, with their times if these never vary.
+    prepared: Prepared<Times>,
+    /// The steps that the present event starts, and its time.
     ready: Times,
+    ready_at: Time<DeviceClock>,
 }
 
 impl Device {
@@ -115,6 +117,7 @@ impl Device {
             lane: true,
             prepared: Prepared::new(),
             ready: Times::NONE,
+            ready_at: Time::ZERO,
         }
     }
 
@@ -393,6 +396,7 @@ impl Device {
         let mut free_until = limit.min(self.esc.quiet_until()).min(self.timeout);
         let mut number = 0;
         while let Some((step, begin, end)) = self.ready.step(number) {
+            let (begin, end) = (self.ready_at + begin, self.ready_at + end);
             if begin > free_until {
                 return self.put_ready(number);
             }
@@ -447,7 +451,7 @@ impl Device {
 
     /// Puts the steps of the last event onto the agenda, from number `from` on.
     fn put_ready(&mut self, from: usize) {
-        self.cpu.put(&self.ready, from);
+        self.cpu.put(self.ready_at, &self.ready, from);
         self.ready.clear();
     }
 
@@ -548,12 +552,18 @@ impl Device {
             self.begin_sampling(at);
         }
         let pdi = &mut self.esc.pdi(at);
-        let steps = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
+        let started = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
         let pulse = self.stack.take_unacknowledged().then_some(event);
-        if !steps.is_empty() || pulse.is_some() {
+        if !started.steps.is_empty() || pulse.is_some() {
             // What an event at the same instant has started stands in front.
-            self.cpu.put(&self.ready, 0);
-            self.cpu.times(at, steps, pulse, &mut self.ready);
+            self.cpu.put(self.ready_at, &self.ready, 0);
+            self.ready_at = at;
+            self.ready = match started.made {
+                Some(kept) if pulse.is_none() && self.cpu.is_even() => {
+                    *kept.get_or_insert_with(|| self.cpu.times(started.steps, None))
+                }
+                _ => self.cpu.times(started.steps, pulse),
+            };
         }
         if samples {
             self.tell_samples(at, watch);

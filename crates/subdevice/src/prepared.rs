@@ -21,21 +21,44 @@ pub(crate) struct Begins {
 
 /// The event, and whether it is the last SYNC0 before SYNC1, whether outputs wait for it, and
 /// whether the device is in OP. The steps depend on all of them.
-type Occasion = (Event, bool, bool, bool);
+pub(crate) type Occasion = (Event, bool, bool, bool);
 
 /// The steps that were last started, by event: see
-/// [`SubDevice::handle_event_prepared`](crate::SubDevice::handle_event_prepared).
+/// [`SubDevice::handle_event_prepared`](crate::SubDevice::handle_event_prepared). With each the
+/// caller may keep something that it has made of them.
 #[derive(Clone, Copy, Debug)]
-pub struct Prepared {
+pub struct Prepared<T> {
     version: u32,
-    kept: [Option<(Occasion, Begins)>; EVENTS],
+    kept: [Option<Kept<T>>; EVENTS],
     once: Steps,
 }
 
-impl Prepared {
+#[derive(Clone, Copy, Debug)]
+struct Kept<T> {
+    occasion: Occasion,
+    begins: Begins,
+    made: Option<T>,
+}
+
+/// The steps that an event starts, in their prepared form.
+#[derive(Debug)]
+pub struct Started<'p, T> {
+    /// The steps.
+    pub steps: &'p Steps,
+    /// What the caller has made of them and kept here; `None` if the steps are new. The place is
+    /// missing where steps are not kept.
+    pub made: Option<&'p mut Option<T>>,
+}
+
+impl<T> Started<'_, T> {
+    /// No steps.
+    pub(crate) const NOTHING: Self = Self { steps: &Steps::EMPTY, made: None };
+}
+
+impl<T> Prepared<T> {
     /// Nothing is kept yet.
     pub const fn new() -> Self {
-        Self { version: 0, kept: [None; EVENTS], once: Steps::EMPTY }
+        Self { version: 0, kept: [const { None }; EVENTS], once: Steps::EMPTY }
     }
 
     /// The steps for an occasion. They are computed now if they are not kept or have another
@@ -46,26 +69,27 @@ impl Prepared {
         occasion: Occasion,
         version: u32,
         find: impl FnOnce() -> Begins,
-    ) -> &Begins {
+    ) -> (&Begins, &mut Option<T>) {
         if self.version != version {
             self.version = version;
-            self.kept = [None; EVENTS];
+            self.kept = [const { None }; EVENTS];
         }
         let kept = &mut self.kept[place(occasion.0)];
-        if kept.as_ref().is_none_or(|(of, _)| *of != occasion) {
+        if kept.as_ref().is_none_or(|kept| kept.occasion != occasion) {
             *kept = None;
         }
-        &kept.get_or_insert_with(|| (occasion, find())).1
+        let kept = kept.get_or_insert_with(|| Kept { occasion, begins: find(), made: None });
+        (&kept.begins, &mut kept.made)
     }
 
     /// Keeps steps for this event only.
-    pub(crate) fn keep(&mut self, steps: Steps) -> &Steps {
+    pub(crate) fn keep(&mut self, steps: Steps) -> Started<'_, T> {
         self.once = steps;
-        &self.once
+        Started { steps: &self.once, made: None }
     }
 }
 
-impl Default for Prepared {
+impl<T> Default for Prepared<T> {
     fn default() -> Self {
         Self::new()
     }

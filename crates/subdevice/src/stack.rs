@@ -13,7 +13,7 @@ use crate::esm::Esm;
 use crate::mailbox::Mailbox;
 use crate::misbehaviour::{self, Misbehaviour, Misbehaviours};
 use crate::objects::Objects;
-use crate::prepared::Prepared;
+use crate::prepared::{Prepared, Started};
 use crate::process_data::ProcessData;
 use crate::services::Services;
 use crate::steps::Steps;
@@ -178,28 +178,27 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// As [`handle_event`](Self::handle_event), for a caller with enough memory: the steps of an
     /// event are kept in `prepared`, and reused as long as they do not change.
-    pub fn handle_event_prepared<'p>(
+    #[inline]
+    pub fn handle_event_prepared<'p, T>(
         &mut self,
         now: Time<Device>,
         event: Event,
         pdi: &mut impl Pdi,
-        prepared: &'p mut Prepared,
-    ) -> &'p Steps {
+        prepared: &'p mut Prepared<T>,
+    ) -> Started<'p, T> {
         if !self.description().behaviour.faults().is_empty() {
             let steps = self.handle_event(now, event, pdi);
             return prepared.keep(steps);
         }
-        let Some(new_outputs) = self.meet(now, event, pdi) else {
-            return prepared.keep(Steps::EMPTY);
-        };
+        let Some(new_outputs) = self.meet(now, event, pdi) else { return Started::NOTHING };
         let op = self.esm.state == AlState::Op;
         let started = self.sync.react_prepared(now, event, (new_outputs, op), prepared);
         match started {
-            Some(steps) if self.stays(now, event, op, pdi) => steps,
-            Some(_) => &NOTHING,
+            Some(started) if self.stays(now, event, op, pdi) => started,
+            Some(_) => Started::NOTHING,
             None => {
                 self.process_data.drop_outputs(pdi);
-                &NOTHING
+                Started::NOTHING
             }
         }
     }
@@ -470,7 +469,5 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 }
 
-/// The steps of an event that starts none.
-static NOTHING: Steps = Steps::EMPTY;
 /// Time until the ESC is read again: a long frame takes 120 us, a short one 7 us.
 const RETRY: Nanos = Nanos::micros(10);

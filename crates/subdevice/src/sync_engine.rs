@@ -10,7 +10,7 @@ use crate::dictionary::Dictionary;
 use crate::measurement::Measurement;
 use crate::misbehaviour::{self, Misbehaviour};
 use crate::missed::MissedCounter;
-use crate::prepared::{Begins, Prepared};
+use crate::prepared::{Begins, Prepared, Started};
 use crate::steps::Steps;
 
 /// The synchronization of a SubDevice: mode, counters and the steps of the present cycle.
@@ -44,6 +44,10 @@ pub struct SyncEngine {
     deadline: Option<Time<Device>>,
     /// Changes whenever the steps of an event may have changed; it wraps.
     version: u32,
+    /// One bit for each event that starts steps.
+    starting: u8,
+    /// How long the pulses of SYNC0 and SYNC1 may be missing; `None`: no supervision.
+    supervision: [Option<Nanos>; 2],
 }
 
 /// How the device is synchronized, as found at PREOP to SAFEOP.
@@ -145,6 +149,8 @@ impl SyncEngine {
             timer: None,
             deadline: None,
             version: 0,
+            starting: 0,
+            supervision: [None; 2],
         }
     }
 
@@ -158,6 +164,11 @@ impl SyncEngine {
         self.clear();
         self.setup = setup;
         self.version = self.version.wrapping_add(1);
+        let starts = |event: &Event| !setup.chain.steps(*event).is_empty();
+        let starting = Event::ALL.into_iter().filter(starts);
+        self.starting = starting.fold(0, |all, event| all | 1 << event as u8);
+        let Setup { cycle, sync1, .. } = setup;
+        self.supervision = [supervision_time(cycle), supervision_time_sync1(cycle, sync1)];
         self.measurement.forget_distances();
         if setup.chain.mode == SyncMode::FreeRun {
             self.timer = Some(now + self.period());
@@ -177,6 +188,8 @@ impl SyncEngine {
             missed_total: self.missed_total,
             measurement: self.measurement,
             version: self.version,
+            starting: self.starting,
+            supervision: self.supervision,
             ..Self::new()
         };
     }
@@ -261,28 +274,30 @@ impl SyncEngine {
 
     /// The same with steps that may be known from an earlier cycle. `None`: the new outputs are
     /// dropped.
-    pub(crate) fn react_prepared<'p>(
+    #[inline]
+    pub(crate) fn react_prepared<'p, T>(
         &mut self,
         now: Time<Device>,
         event: Event,
         (new_outputs, op): (bool, bool),
-        prepared: &'p mut Prepared,
-    ) -> Option<&'p Steps> {
+        prepared: &'p mut Prepared<T>,
+    ) -> Option<Started<'p, T>> {
         let Some(last_sync0) = self.note(now, event, new_outputs, op) else {
-            return Some(&NOTHING);
+            return Some(Started::NOTHING);
         };
-        if !last_sync0 && self.setup.chain.steps(event).is_empty() {
-            return Some(&NOTHING);
+        if !last_sync0 && self.starting & 1 << event as u8 == 0 {
+            return Some(Started::NOTHING);
         }
-        let begins = prepared.of((event, last_sync0, new_outputs, op), self.version, || {
-            self.begins(event, last_sync0, new_outputs, op)
-        });
+        let (begins, made) =
+            prepared.of((event, last_sync0, new_outputs, op), self.version, || {
+                self.begins(event, last_sync0, new_outputs, op)
+            });
         if self.take_up(now, begins) {
-            Some(&begins.steps)
+            Some(Started { steps: &begins.steps, made: Some(made) })
         } else if event == Event::Sm2 {
             None
         } else {
-            Some(&NOTHING)
+            Some(Started::NOTHING)
         }
     }
 
@@ -433,10 +448,9 @@ impl SyncEngine {
 
     /// Sets the time of the next pulses, after a SYNC pulse.
     fn expect_sync(&mut self) {
-        let Setup { cycle, sync1, .. } = self.setup;
-        let sync0 = self.last_sync0.zip(supervision_time(cycle)).map(|(last, t)| last + t);
-        let sync1 = self.last_sync1.zip(supervision_time_sync1(cycle, sync1));
-        let sync1 = sync1.map(|(last, allowed)| last + allowed);
+        let [allowed0, allowed1] = self.supervision;
+        let sync0 = self.last_sync0.zip(allowed0).map(|(last, allowed)| last + allowed);
+        let sync1 = self.last_sync1.zip(allowed1).map(|(last, allowed)| last + allowed);
         self.deadline = match (sync0, sync1) {
             (Some(sync0), Some(sync1)) => Some(sync0.min(sync1)),
             (one, other) => one.or(other),
@@ -715,9 +729,6 @@ fn error_limit<S: AsRef<[u8]> + AsMut<[u8]>>(
     set.map_or(behaviour.sync_error_limit, |limit| limit.min(u32::from(u16::MAX)) as u16)
         .saturating_add(more.unwrap_or(0))
 }
-
-/// The steps of an event that starts none.
-static NOTHING: Steps = Steps::EMPTY;
 
 fn bit(step: Step) -> u8 {
     1 << step as u8

@@ -19,6 +19,11 @@ pub enum Event {
     Timer,
 }
 
+impl Event {
+    /// All events.
+    pub const ALL: [Self; 5] = [Self::Sm2, Self::Sm3, Self::Sync0, Self::Sync1, Self::Timer];
+}
+
 /// A step of a SubDevice's cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Step {

@@ -1,5 +1,7 @@
 //! One ESC: its parts, its events in the order of time, and the end of a frame.
 
+use core::ops::Range;
+
 use isocat_wire::dl::DlStatus;
 use isocat_wire::register::{self, CHIP_SPECIFIC, Register, Value, al_event};
 use isocat_wire::time::{Dc, Device, Local};
@@ -20,7 +22,7 @@ use crate::memory::{Registers, Shadow};
 use crate::mii::Mii;
 use crate::pdi::EscPdi;
 use crate::regular::{Brought, Known};
-use crate::sync_manager::SyncManagers;
+use crate::sync_manager::{SM_LEN, SyncManagers};
 use crate::watchdog::Watchdog;
 
 /// An EtherCAT SubDevice Controller.
@@ -173,10 +175,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// is loaded from `eeprom`. `ram` is the process RAM from 0x1000 on: RAM of the chip beyond the
     /// end of `ram` does not exist, and bytes of `ram` beyond the chip's RAM are not used.
     pub fn new(chip: &Chip, eeprom: M, ram: M) -> Self {
-        let mut registers = Registers::new();
+        let registers = Registers::new();
         let mut esc = Self {
             chip: *chip,
-            sync_managers: SyncManagers::new(chip, &mut registers),
+            sync_managers: SyncManagers::new(chip),
             registers,
             shadow: Shadow::new(),
             units: Units::new(chip, 0),
@@ -272,7 +274,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         registers.store(register::WATCHDOG_TIME_PROCESS_DATA, WATCHDOG_TIME);
         self.al = Al::new();
         self.al.reset_registers(registers);
-        self.sync_managers = SyncManagers::new(chip, registers);
+        self.sync_managers = SyncManagers::new(chip);
         self.fmmus = Fmmus::new(chip.fmmu_count);
         self.shadow.clear();
         self.flight = Flight::NONE;
@@ -442,6 +444,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
+    /// An instant before which no unit is due but the frame in flight and the SYNC unit.
+    #[inline]
+    pub const fn rest_until(&self) -> Time<Device> {
+        self.rest
+    }
+
     /// The earliest due time of the units that are seldom due.
     fn rest_due(&self) -> Time<Device> {
         (self.watchdog.due().min(self.pdi_watchdog.due()))
@@ -528,7 +536,23 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// The value of a register in force, without the side effects of a read. Running times (0x0910,
     /// 0x0990...) are as the last access left them.
     pub fn register<T: Value>(&self, register: Register<T>) -> T {
-        self.registers.load(register)
+        if !(SYNC_MANAGERS.start..SYNC_MANAGERS.end).contains(&register.address) {
+            return self.registers.load(register);
+        }
+        let mut bytes = T::Bytes::default();
+        for (address, byte) in (register.address..).zip(bytes.as_mut()) {
+            *byte = self.byte(address);
+        }
+        T::from_bytes(bytes)
+    }
+
+    fn byte(&self, address: u16) -> u8 {
+        match address {
+            _ if SYNC_MANAGERS.contains(&address) && address % SM_LEN == 5 => {
+                self.sync_managers.status(usize::from((address - SYNC_MANAGERS.start) / SM_LEN))
+            }
+            _ => self.registers.byte(address),
+        }
     }
 
     /// Register 0x0110: which ports frames leave through.
@@ -555,7 +579,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// Registers and user RAM in force, 0x0000-0x0FFF; see [`Self::register`].
     pub fn registers(&self) -> [u8; register::PROCESS_RAM as usize] {
-        core::array::from_fn(|address| self.registers.byte(address as u16))
+        core::array::from_fn(|address| self.byte(address as u16))
     }
 
     /// Process RAM from 0x1000 on, including all buffers of SyncManagers. RAM that grows with its
@@ -678,7 +702,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         earliest
     }
 
-    fn fire(&mut self) -> Option<EscEvent> {
+    pub(crate) fn fire(&mut self) -> Option<EscEvent> {
         self.dc.fire(&self.registers).map(|output| match output {
             Output::Sync0 => EscEvent::Sync0,
             Output::Sync1 => EscEvent::Sync1,
@@ -792,6 +816,8 @@ enum Due {
     Loops,
 }
 
+/// Registers of the SyncManagers.
+pub(crate) const SYNC_MANAGERS: Range<u16> = 0x0800..0x0880;
 /// RAM grows in steps of this many bytes.
 const RAM_GRAIN: usize = 256;
 

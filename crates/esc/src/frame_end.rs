@@ -18,15 +18,15 @@ use crate::sync_manager::{SM_LEN, Side};
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// Ends the frame in flight, which was good: buffers change hands, registers come into force.
     pub(crate) fn end_frame(&mut self) -> EscEvent {
-        if let Some(event) = self.end_regular_frame() {
-            return event;
+        if let Some(al_events) = self.end_regular_frame() {
+            return EscEvent::FrameEnd { al_events };
         }
         self.put_brought_aside();
         let flight = core::mem::replace(&mut self.flight, Flight::NONE);
         let now = flight.end;
         let before = self.lasting_al_events();
         let state = self.al.is_emulated().then(|| self.al_status());
-        let exchanged = self.sync_managers.end_good_frame(flight.label, &mut self.registers);
+        let exchanged = self.sync_managers.end_good_frame(flight.label);
         if exchanged.watchdog {
             self.trigger_watchdog(now);
         }

@@ -3,7 +3,7 @@
 use core::ops::Range;
 
 use isocat_wire::Register;
-use isocat_wire::register::{PROCESS_RAM, SHADOW_END, Value, sm_status};
+use isocat_wire::register::{PROCESS_RAM, SHADOW_END, Value};
 
 use crate::access::{ECAT_WRITABLE, Gate, Units};
 
@@ -28,12 +28,6 @@ impl Registers {
     pub fn set_byte(&mut self, address: u16, value: u8) {
         self.0[place(address)] = value;
         self.keep_nowhere(address);
-    }
-    /// Puts the status byte of a SyncManager into force, which changes several times a cycle.
-    #[inline]
-    pub fn set_sync_manager_status(&mut self, number: usize, value: u8) {
-        const STATUS: usize = place(sm_status(0).address);
-        self.0[STATUS + 8 * (number & 15)] = value;
     }
     /// Zeroes a range.
     pub fn clear(&mut self, range: Range<u16>) {

@@ -13,7 +13,7 @@ use crate::dc::latch;
 use crate::dc::sync::{Output, StartWritten};
 use crate::dl;
 use crate::eeprom::Eeprom;
-use crate::esc::{Esc, PDI_DIGITAL_IO};
+use crate::esc::{Esc, PDI_DIGITAL_IO, SYNC_MANAGERS};
 use crate::led;
 use crate::mii::Mii;
 use crate::process::split;
@@ -85,6 +85,12 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         Self { esc, now }
     }
 
+    /// The same, without a restart of the PDI watchdog.
+    #[inline]
+    pub(crate) fn without_watchdog(esc: &'a mut Esc<M>, now: Time<Device>) -> Self {
+        Self { esc, now }
+    }
+
     fn may_write(&self, gate: Gate, address: u16) -> bool {
         let registers = &self.esc.registers;
         let owner_is_pdi = |bit: u8| registers.load(register::CYCLIC_UNIT_CONTROL) & 1 << bit != 0;
@@ -112,6 +118,9 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         }
         if overlaps(0x0440, 0x0442) {
             esc.show_watchdog();
+        }
+        if overlaps(SYNC_MANAGERS.start, SYNC_MANAGERS.end) {
+            esc.sync_managers.show(range, &mut esc.registers);
         }
         if overlaps(0x0910, 0x09D0) && esc.units.system_time {
             esc.dc.show(Side::Pdi, range, now, &mut esc.registers);
@@ -327,7 +336,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'_, M> {
             let way = (Side::Pdi, Direction::Read);
             self.esc.reach_ram(first, ram);
             let end = self.esc.ram_len.min(self.esc.ram.as_ref().len());
-            let memory = (&mut self.esc.ram.as_mut()[..end], &mut self.esc.registers);
+            let memory = &mut self.esc.ram.as_mut()[..end];
             let outcome = self.esc.sync_managers.access(way, memory, first, ram, |memory, at| {
                 data[at].copy_from_slice(memory);
             });
@@ -347,7 +356,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'_, M> {
             let way = (Side::Pdi, Direction::Write);
             self.esc.reach_ram(first, ram);
             let end = self.esc.ram_len.min(self.esc.ram.as_ref().len());
-            let memory = (&mut self.esc.ram.as_mut()[..end], &mut self.esc.registers);
+            let memory = &mut self.esc.ram.as_mut()[..end];
             let outcome = self.esc.sync_managers.access(way, memory, first, ram, |memory, at| {
                 memory.copy_from_slice(&data[at]);
             });
@@ -356,8 +365,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'_, M> {
             }
             self.latch_buffer_times(outcome);
             if self.esc.chip.acknowledge_by_write {
-                let Esc { sync_managers, registers, .. } = &mut *self.esc;
-                let outcome = sync_managers.release_by_write(first, ram, registers);
+                let outcome = self.esc.sync_managers.release_by_write(first, ram);
                 self.latch_buffer_times(outcome);
             }
         }

@@ -12,7 +12,7 @@ use isocat_wire::{Command, Time};
 use crate::access::{ECAT_WRITABLE, Gate, READABLE};
 use crate::dc::clock::ceil;
 use crate::dc::latch;
-use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc, count};
+use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc, SYNC_MANAGERS, count};
 use crate::fmmu::Target;
 use crate::regular::Brought;
 use crate::sync_manager::{Direction, Side};
@@ -84,7 +84,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if let Some(at) = envelope.udp_checksum {
             frame[at..at + 2].fill(0);
         }
-        self.begin_frame(start);
+        self.begin(start, false);
         let mut latch_ports = false;
         let payload = &mut frame[offset..];
         let mut layouts = Layouts::new();
@@ -131,10 +131,19 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// `stops_circulating` of [`Reach`](crate::Reach). A frame with a chain of datagrams that is
     /// cut off needs `process`.
     pub fn begin_frame(&mut self, start: Time<Device>) {
+        self.begin(start, false);
+    }
+
+    /// The same for a frame whose check sequence is right, as the caller knows before its end.
+    pub fn begin_good_frame(&mut self, start: Time<Device>) {
+        self.begin(start, true);
+    }
+
+    fn begin(&mut self, start: Time<Device>, good: bool) {
         // Frames pass one after the other, so the last one is over, whatever end was stated for it.
         self.settle(Time::NEVER);
         self.forget_write_enables();
-        self.sync_managers.begin_frame();
+        self.sync_managers.begin_frame(good);
         // All datagrams of a frame show the events that were set when it arrived.
         let irq = match self.registers.load(register::ECAT_EVENT_MASK) {
             0 => 0,
@@ -186,7 +195,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if !good {
             self.shadow.clear();
             self.flight.brought = Brought::NONE;
-            self.sync_managers.end_bad_frame(&mut self.registers);
+            self.sync_managers.end_bad_frame();
             count(&mut self.registers, register::EPU_ERRORS.address);
             return;
         }
@@ -418,7 +427,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         self.reach_ram(address, len);
         let end = self.ram_len.min(self.ram.as_ref().len());
-        let memory = (&mut self.ram.as_mut()[..end], &mut self.registers);
+        let memory = &mut self.ram.as_mut()[..end];
         self.sync_managers.access((Side::Ecat, Direction::Read), memory, address, len, each).any
     }
 
@@ -442,7 +451,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         self.reach_ram(address, data.len());
         let end = self.ram_len.min(self.ram.as_ref().len());
-        let memory = (&mut self.ram.as_mut()[..end], &mut self.registers);
+        let memory = &mut self.ram.as_mut()[..end];
         let way = (Side::Ecat, Direction::Write);
         let access = self.sync_managers.access(way, memory, address, data.len(), |memory, at| {
             if mask == 0xFF {
@@ -566,6 +575,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         if overlaps(0x0440, 0x0442) {
             self.show_watchdog();
+        }
+        if overlaps(SYNC_MANAGERS.start, SYNC_MANAGERS.end) {
+            self.sync_managers.show(&range, &mut self.registers);
         }
         if overlaps(0x0910, 0x09D0) && self.units.system_time {
             self.dc.show(Side::Ecat, &range, start, &mut self.registers);

@@ -10,9 +10,11 @@ use core::ops::Range;
 
 use isocat_wire::fmmu::Fmmu;
 use isocat_wire::register::{self, PROCESS_RAM, features};
+use isocat_wire::time::Device;
 use isocat_wire::{Command, Time};
 
 use crate::esc::{ECAT_AL_STATUS, Esc, EscEvent, Flight};
+use crate::pdi::EscPdi;
 use crate::fmmu::Single;
 use crate::sync_manager::Direction;
 
@@ -106,7 +108,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             Command::Armw if ado == TIME && adp != 0 => self.bring_time(data),
             Command::Brd if ado == register::AL_STATUS.address => {
                 let data: &mut [u8; 2] = data.try_into().ok()?;
-                self.flight.acknowledged |= ECAT_AL_STATUS;
+                // Without an event there is nothing to acknowledge.
+                self.flight.acknowledged |= self.al.ecat_events() & ECAT_AL_STATUS;
                 let status = self.registers.load(register::AL_STATUS).0.to_le_bytes();
                 (data[0], data[1]) = (data[0] | status[0], data[1] | status[1]);
                 Some(1)
@@ -158,19 +161,19 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let outputs = place(areas.outputs, command != Command::Lrd)?;
         let inputs = place(areas.inputs, command != Command::Lwr)?;
         let mut count = 0;
-        let Self { sync_managers, registers, ram, .. } = self;
+        let Self { sync_managers, ram, .. } = self;
         let ram = ram.as_mut();
         let base = usize::from(PROCESS_RAM);
         // Outputs go first: they are taken as received, before inputs replace them.
         if let Some((at, number)) = outputs
             && let Some(place) =
-                sync_managers.ecat_whole(Direction::Write, registers, number.into())
+                sync_managers.ecat_whole(Direction::Write, number.into())
         {
             ram[place - base..][..at.len()].copy_from_slice(&data[at]);
             count += if command == Command::Lrw { 2 } else { 1 };
         }
         if let Some((at, number)) = inputs
-            && let Some(place) = sync_managers.ecat_whole(Direction::Read, registers, number.into())
+            && let Some(place) = sync_managers.ecat_whole(Direction::Read, number.into())
         {
             let len = at.len();
             data[at].copy_from_slice(&ram[place - base..][..len]);
@@ -206,10 +209,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if !area.is(address, data.len()) {
             return false;
         }
-        let Self { sync_managers, registers, ram, .. } = self;
+        let Self { sync_managers, ram, .. } = self;
         let number = usize::from(area.sync_manager);
         let way = Direction::Read;
-        let Some((place, _)) = sync_managers.pdi_whole(way, registers, number) else {
+        let Some((place, _)) = sync_managers.pdi_whole(way, number) else {
             return false;
         };
         let from = place - usize::from(PROCESS_RAM);
@@ -225,10 +228,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if !area.is(address, data.len()) {
             return None;
         }
-        let Self { sync_managers, registers, ram, .. } = self;
+        let Self { sync_managers, ram, .. } = self;
         let number = usize::from(area.sync_manager);
         let way = Direction::Write;
-        let (place, watchdog) = sync_managers.pdi_whole(way, registers, number)?;
+        let (place, watchdog) = sync_managers.pdi_whole(way, number)?;
         let from = place - usize::from(PROCESS_RAM);
         ram.as_mut()[from..from + data.len()].copy_from_slice(data);
         Some(watchdog)
@@ -243,10 +246,30 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.lane && reserved <= end && self.is_operational() && !protected
     }
 
-    /// Ends a frame that brought only process data and the system time. `None`: the frame brought
-    /// more, and nothing was done.
+    /// The end of the frame in flight, and when the SYNC unit is due; `None` if another event has
+    /// already happened. For a caller that handles both by itself.
     #[inline]
-    pub(crate) fn end_regular_frame(&mut self) -> Option<EscEvent> {
+    pub fn cyclic_dues(&self) -> Option<(Time<Device>, Time<Device>)> {
+        self.overdue.is_none().then_some((self.flight.end, self.dc.sync.due()))
+    }
+
+    /// Handles the SYNC unit's due time, which must have come. Returns the edge, if there is one.
+    #[inline]
+    pub fn step_sync(&mut self) -> Option<EscEvent> {
+        self.fire()
+    }
+
+    /// The PDI for a caller that does not look at the PDI watchdog, and calls
+    /// [`Esc::note_pdi`] after its last access.
+    #[inline]
+    pub fn pdi_in_lane(&mut self, now: Time<Device>) -> EscPdi<'_, M> {
+        EscPdi::without_watchdog(self, now)
+    }
+
+    /// Ends a frame that brought only process data and the system time; returns the bits of the AL
+    /// event request that it newly set. `None`: the frame brought more, and nothing was done.
+    #[inline]
+    pub fn end_regular_frame(&mut self) -> Option<u32> {
         let Flight { start, end: now, label, brought, acknowledged, .. } = self.flight;
         let more = acknowledged != 0
             || self.flight.latch_times != 0
@@ -259,7 +282,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         (self.flight.start, self.flight.irq, self.flight.label) = (Time::ZERO, 0, 0);
         (self.flight.latches, self.flight.brought) = (false, Brought::NONE);
         self.flight.enabled = [false; 2];
-        let exchanged = self.sync_managers.end_good_frame(label, &mut self.registers);
+        let exchanged = self.sync_managers.end_good_frame(label);
         if exchanged.watchdog {
             self.trigger_watchdog(now);
         }
@@ -270,7 +293,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             let [a, b, c, d, ..] = brought.bytes;
             self.dc.follow_whole((start, now), [a, b, c, d], &mut self.registers);
         }
-        Some(EscEvent::FrameEnd { al_events: exchanged.al_events })
+        Some(exchanged.al_events)
     }
 }
 

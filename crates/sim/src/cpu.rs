@@ -135,6 +135,8 @@ pub struct Cpu {
     /// soonest first; earlier entries are done.
     agenda: Vec<(Time<Device>, Action)>,
     done: usize,
+    /// When the first of them is due.
+    due: Time<Device>,
     polling: bool,
     /// Whether its times never vary.
     even: bool,
@@ -145,7 +147,7 @@ impl Cpu {
     /// An idle CPU.
     pub fn new(model: CpuModel, jitter: Stream) -> Self {
         let even = model.jitter == Nanos::ZERO && model.unevenness == Unevenness::default();
-        Self { model, agenda: Vec::with_capacity(16), done: 0, polling: false, even, jitter }
+        Self { model, agenda: Vec::with_capacity(16), done: 0, due: Time::NEVER, polling: false, even, jitter }
     }
 
     /// The times that it takes.
@@ -156,14 +158,18 @@ impl Cpu {
     /// Switches it off: all planned actions are dropped.
     pub fn power_off(&mut self) {
         self.agenda.clear();
-        self.done = 0;
+        (self.done, self.due) = (0, Time::NEVER);
         self.polling = false;
     }
 
     /// When its next action is due.
     #[inline]
-    pub fn next(&self) -> Time<Device> {
-        self.agenda.get(self.done).map_or(Time::NEVER, |(at, _)| *at)
+    pub const fn next(&self) -> Time<Device> {
+        self.due
+    }
+
+    fn note_due(&mut self) {
+        self.due = self.agenda.get(self.done).map_or(Time::NEVER, |(at, _)| *at);
     }
 
     /// Takes the next action.
@@ -174,6 +180,7 @@ impl Cpu {
             self.agenda.clear();
             self.done = 0;
         }
+        self.note_due();
         if next.1 == Action::Poll {
             self.polling = false;
         }
@@ -325,6 +332,7 @@ impl Cpu {
             self.agenda.swap(place - 1, place);
             place -= 1;
         }
+        self.note_due();
     }
 }
 

@@ -1,5 +1,7 @@
 //! A SubDevice: ESC, stack, application and CPU on one oscillator.
 
+mod regular;
+
 use std::sync::Arc;
 
 use isocat_esc::{Chip, Esc, EscEvent, Passing, Pdi};
@@ -12,6 +14,7 @@ use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
 
 use crate::cpu::{Action, Cpu, CpuModel, Times};
 use crate::observation::{Content, Observation, Observed};
+use crate::watcher::Watcher;
 use crate::oscillator::{Bend, ClockModel, Oscillator};
 use crate::plant::{Acted, Plant, PlantSetup};
 use crate::random::Stream;
@@ -69,6 +72,8 @@ pub struct Device {
     lane: bool,
     /// The steps of each event, with their times if these never vary.
     prepared: Prepared<Times>,
+    /// The AL events of the first SyncManagers of outputs and inputs.
+    sm_events: [u32; 2],
     /// The steps that the present event starts, and its time.
     ready: Times,
     ready_at: Time<DeviceClock>,
@@ -98,6 +103,8 @@ impl Device {
         let oscillator =
             Oscillator::of(&setup.clock, &mut Stream::new(seed, "clock walk", position as u64));
         let timeout = stack.next_timeout().unwrap_or(Time::NEVER);
+        let sm_events = [description.outputs, description.inputs]
+            .map(|area| al_event::sync_manager(area.sync_manager.into()));
         Self {
             quiet_until: Time::ZERO,
             timeout,
@@ -116,6 +123,7 @@ impl Device {
             powered: true,
             lane: true,
             prepared: Prepared::new(),
+            sm_events,
             ready: Times::NONE,
             ready_at: Time::ZERO,
         }
@@ -164,7 +172,7 @@ impl Device {
     }
 
     /// Switches it off. Everything but its EEPROM is lost; its oscillator continues invisibly.
-    pub(crate) fn power_off(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+    pub(crate) fn power_off(&mut self, at: Time<DeviceClock>, watch: &mut Watcher) {
         self.powered = false;
         self.tell_time(at);
         self.esc.power_on(at, Time::ZERO);
@@ -215,7 +223,7 @@ impl Device {
         &mut self,
         at: Time<DeviceClock>,
         code: AlStatusCode,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         if !self.powered {
             return;
@@ -240,7 +248,7 @@ impl Device {
         at: Time<DeviceClock>,
         address: u16,
         data: &[u8],
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         if !self.powered {
             return;
@@ -283,7 +291,7 @@ impl Device {
 
     /// Processes all events up to and including `limit`.
     #[inline]
-    pub fn advance(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+    pub fn advance(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) {
         if self.quiet_until <= limit {
             self.live(limit, watch);
         }
@@ -314,7 +322,10 @@ impl Device {
         self.quiet_until = Time::ZERO;
     }
 
-    fn live(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+    fn live(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) {
+        if self.regular(limit, watch) {
+            return;
+        }
         loop {
             if !self.ready.is_empty() {
                 self.do_ready(limit, watch);
@@ -342,7 +353,7 @@ impl Device {
 
     /// Checks whether SYNC pulses were due while their signal was still active. No event of the ESC
     /// shows this, since there is no edge.
-    fn look_for_lost_pulses(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+    fn look_for_lost_pulses(&mut self, at: Time<DeviceClock>, watch: &mut Watcher) {
         let now = self.esc.sync_pulses_without_edge();
         let before = std::mem::replace(&mut self.without_edge, now);
         for (signal, event) in [Event::Sync0, Event::Sync1].into_iter().enumerate() {
@@ -353,7 +364,7 @@ impl Device {
         }
     }
 
-    fn act(&mut self, watch: &mut impl FnMut(Observation)) {
+    fn act(&mut self, watch: &mut Watcher) {
         let Some((at, action)) = self.cpu.pop() else { return };
         self.tell_time(at);
         match action {
@@ -370,16 +381,16 @@ impl Device {
         }
     }
 
-    #[inline]
-    fn begin(&mut self, at: Time<DeviceClock>, step: Step, watch: &mut impl FnMut(Observation)) {
+    #[inline(always)]
+    fn begin(&mut self, at: Time<DeviceClock>, step: Step, watch: &mut Watcher) {
         self.stack.begin(at, step, &mut self.esc.pdi(at));
         let frame = self.began(at, step);
         let content = Content { frame, ..Content::default() };
         self.report(at, Observed::Began(step), content, watch);
     }
 
-    #[inline]
-    fn finish(&mut self, at: Time<DeviceClock>, step: Step, watch: &mut impl FnMut(Observation)) {
+    #[inline(always)]
+    fn finish(&mut self, at: Time<DeviceClock>, step: Step, watch: &mut Watcher) {
         self.stack.finish(at, step, &mut self.esc.pdi(at));
         let frame = self.finished(step);
         let content = Content { frame, ..Content::default() };
@@ -388,46 +399,76 @@ impl Device {
 
     /// Does the steps of the last event one after another, up to the next other event. Remaining
     /// steps, or all of them if they overlap others, go onto the agenda.
-    fn do_ready(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+    fn do_ready(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) {
         if !self.lane || !self.cpu.is_idle() || !self.ready.are_in_order() {
             return self.put_ready(0);
         }
         // What the CPU does at an instant, it does before all that the ESC does then.
         let mut free_until = limit.min(self.esc.quiet_until()).min(self.timeout);
         let mut number = 0;
+        // The PDI watchdog sees the CPU at work; the last time counts.
+        let mut worked = None;
         while let Some((step, begin, end)) = self.ready.step(number) {
             let (begin, end) = (self.ready_at + begin, self.ready_at + end);
             if begin > free_until {
-                return self.put_ready(number);
+                self.put_ready(number);
+                break;
             }
             number += 1;
             if end > free_until {
                 self.tell_time(begin);
                 self.begin(begin, step, watch);
+                worked = None;
                 self.cpu.put_end(step, end);
-                return self.put_ready(number);
+                self.put_ready(number);
+                break;
             }
+            worked = Some(end);
             match step {
                 Step::Application => self.apart(Step::Application, (begin, end), watch),
                 Step::OutputsValid => self.apart(Step::OutputsValid, (begin, end), watch),
                 Step::LatchInputs => self.apart(Step::LatchInputs, (begin, end), watch),
                 Step::MapOutputs | Step::MapInputs => {
-                    self.tell_time(begin);
-                    self.begin(begin, step, watch);
-                    // A buffer that changes hands may restart a watchdog, and may move what the
-                    // stack waits for.
-                    free_until = limit.min(self.esc.quiet_until()).min(self.timeout);
-                    if end > free_until {
-                        self.cpu.put_end(step, end);
-                        return self.put_ready(number);
+                    worked = None;
+                    let is_over = match step {
+                        Step::MapOutputs => self.map(Step::MapOutputs, (begin, end), limit, watch),
+                        _ => self.map(Step::MapInputs, (begin, end), limit, watch),
+                    };
+                    if !is_over {
+                        self.put_ready(number);
+                        break;
                     }
-                    self.tell_time(end);
-                    self.finish(end, step, watch);
                     free_until = limit.min(self.esc.quiet_until()).min(self.timeout);
                 }
             }
         }
         self.ready.clear();
+        if let Some(at) = worked {
+            self.esc.note_pdi(at);
+        }
+    }
+
+    /// Does a step that accesses the ESC. `false`: something else comes before its end, which is now
+    /// on the agenda.
+    #[inline(always)]
+    fn map(
+        &mut self,
+        step: Step,
+        (begin, end): (Time<DeviceClock>, Time<DeviceClock>),
+        limit: Time<DeviceClock>,
+        watch: &mut Watcher,
+    ) -> bool {
+        self.tell_time(begin);
+        self.begin(begin, step, watch);
+        // A buffer that changes hands may restart a watchdog, and may move what the stack waits
+        // for.
+        if end > limit.min(self.esc.quiet_until()).min(self.timeout) {
+            self.cpu.put_end(step, end);
+            return false;
+        }
+        self.tell_time(end);
+        self.finish(end, step, watch);
+        true
     }
 
     /// Does a step that does not access the ESC and during which nothing else happens.
@@ -436,7 +477,7 @@ impl Device {
         &mut self,
         step: Step,
         (begin, end): (Time<DeviceClock>, Time<DeviceClock>),
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         self.tell_time(begin);
         self.stack.begin(begin, step, &mut Nowhere);
@@ -445,8 +486,6 @@ impl Device {
         self.tell_time(end);
         self.stack.finish(end, step, &mut Nowhere);
         self.report(end, Observed::Finished(step), Content::default(), watch);
-        // The PDI watchdog sees the CPU at work; the last time counts.
-        self.esc.note_pdi(end);
     }
 
     /// Puts the steps of the last event onto the agenda, from number `from` on.
@@ -456,7 +495,7 @@ impl Device {
     }
 
     /// Handles the start of a step; returns the frame that brought its outputs.
-    #[inline]
+    #[inline(always)]
     fn began(&mut self, at: Time<DeviceClock>, step: Step) -> Time<True> {
         match step {
             Step::MapOutputs => {
@@ -478,16 +517,30 @@ impl Device {
     }
 
     /// Handles the end of a step; returns the frame that brought its outputs.
+    #[inline(always)]
     fn finished(&mut self, step: Step) -> Time<True> {
         if step != Step::MapOutputs {
             return Time::ZERO;
         }
         // The only step whose end may move what the stack waits for.
-        self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
+        self.note_timeout();
+        self.outputs_mapped()
+    }
+
+    /// Outputs were mapped, or dropped if they were late; returns the frame that brought them.
+    #[inline]
+    fn outputs_mapped(&mut self) -> Time<True> {
         if self.application().take_mapped() {
             self.mapped = self.fetched;
         }
         self.fetched
+    }
+
+    /// Whether neither a plant nor converters look at its application.
+    #[inline]
+    fn is_bare(&self) -> bool {
+        let application = self.stack.application();
+        application.plant.is_none() && application.sampler.is_none()
     }
 
     fn application(&mut self) -> &mut BoxedApplication {
@@ -498,7 +551,7 @@ impl Device {
         &mut self,
         at: Time<DeviceClock>,
         event: EscEvent,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         match event {
             EscEvent::FrameEnd { al_events } => {
@@ -538,12 +591,13 @@ impl Device {
         }
     }
 
+    #[inline(always)]
     fn event(
         &mut self,
         at: Time<DeviceClock>,
         event: Event,
         (observed, content): (Observed, Content),
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         self.report(at, observed, content, watch);
         self.tell_time(at);
@@ -580,14 +634,14 @@ impl Device {
         }
     }
 
-    fn tell_samples(&self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+    fn tell_samples(&self, at: Time<DeviceClock>, watch: &mut Watcher) {
         let sampler = self.stack.application().sampler.as_deref();
         for sample in sampler.map(Sampler::seen).unwrap_or_default() {
             self.report(at, Observed::Sampled(*sample), Content::default(), watch);
         }
     }
 
-    fn call_back(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+    fn call_back(&mut self, at: Time<DeviceClock>, watch: &mut Watcher) {
         self.tell_time(at);
         let mut pdi = self.esc.pdi(at);
         let steps = self.stack.handle_event(at, Event::Timer, &mut pdi);
@@ -596,10 +650,21 @@ impl Device {
         self.look(at, watch);
     }
 
+    /// Finds out when the stack must be called.
+    #[inline]
+    fn note_timeout(&mut self) {
+        let timeout = match self.stack.is_settled() {
+            true => self.stack.sync_deadline(),
+            false => self.stack.next_timeout(),
+        };
+        debug_assert_eq!(timeout, self.stack.next_timeout());
+        self.timeout = timeout.unwrap_or(Time::NEVER);
+    }
+
     /// Finds changes of the stack, and reports them.
     #[inline]
-    fn look(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
-        self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
+    fn look(&mut self, at: Time<DeviceClock>, watch: &mut Watcher) {
+        self.note_timeout();
         let missed = self.stack.sync().missed_events_total();
         if missed != self.missed {
             self.missed = missed;
@@ -617,14 +682,15 @@ impl Device {
         }
     }
 
+    #[inline(always)]
     fn report(
         &self,
         device_at: Time<DeviceClock>,
         event: Observed,
         content: Content,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
-        watch(Observation { device: self.position, device_at, event, content });
+        watch.see(Observation { device: self.position, device_at, event, content });
     }
 }
 

@@ -14,7 +14,7 @@ use isocat_wire::PortNumber;
 use isocat_wire::frame;
 use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
 
-use crate::observation::Observation;
+use crate::watcher::Watcher;
 use crate::path::{Arrival, Loops};
 use crate::probe::{Probed, Sight};
 use crate::segment::{Lost, Returned, Segment};
@@ -46,7 +46,7 @@ impl Segment {
         &mut self,
         mut flight: Flight<'_>,
         from: MainPort,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) -> Result<Returned, Lost> {
         self.begin_trail();
         let fate = match self.leave(&mut flight, End::Main(from), Picos::ZERO) {
@@ -62,7 +62,7 @@ impl Segment {
         flight: &mut Flight<'_>,
         mut end: End,
         mut after: Picos,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) -> Result<Returned, Lost> {
         // This is as many rounds as the circulating bit needs; a longer way exists only if port 0
         // was closed by a write.
@@ -89,7 +89,7 @@ impl Segment {
         &mut self,
         flight: &mut Flight<'_>,
         arrival: Arrival,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) -> Result<Picos, Lost> {
         let Arrival { device: number, port, after } = arrival;
         let at = flight.start + after;

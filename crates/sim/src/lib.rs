@@ -50,6 +50,7 @@ pub mod segment;
 pub mod served;
 pub mod statistics;
 pub mod storage;
+pub mod watcher;
 pub mod wiring;
 pub mod world;
 
@@ -68,5 +69,6 @@ pub use sampling::Sampling;
 pub use segment::{Closing, Connection, Lost, Returned, Segment};
 pub use served::{Passage, Served};
 pub use statistics::Statistics;
+pub use watcher::Watcher;
 pub use wiring::MainPort;
 pub use world::{ServedCycle, Setup, Tap, World};

@@ -15,7 +15,7 @@ use crate::fault::RING_CABLE;
 use crate::flight::{Flight, duration};
 use crate::jitter::{self, Edges};
 use crate::next_frame::NextFrame;
-use crate::observation::Observation;
+use crate::watcher::Watcher;
 use crate::path::{Arrival, Loops, Path, Reception};
 use crate::plant::{Acted, PlantSetup};
 use crate::probe::{Probed, Probes, Sight};
@@ -393,7 +393,7 @@ impl Segment {
         self.next_frame.note_chip(&setup.chip);
         let mut device = Device::new(position, setup, seed);
         device.set_lane(self.lane);
-        device.power_off(Time::ZERO, &mut |_| {});
+        device.power_off(Time::ZERO, &mut Watcher::blind());
         self.devices[position].hand_over_plant(&mut device);
         self.devices[position] = device;
         self.stale = true;
@@ -413,7 +413,7 @@ impl Segment {
         at: Time<True>,
         address: u16,
         data: &[u8],
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         let device = self.device_mut(device);
         device.write_register(device.oscillator().read(at), address, data, watch);
@@ -437,7 +437,7 @@ impl Segment {
         device: usize,
         at: Time<True>,
         code: AlStatusCode,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         let device = self.device_mut(device);
         device.fail(device.oscillator().read(at), code, watch);
@@ -453,7 +453,7 @@ impl Segment {
         &mut self,
         bytes: &mut [u8],
         start: Time<True>,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) -> Result<Returned, Lost> {
         self.pass_from(MainPort::Primary, bytes, start, watch)
     }
@@ -465,7 +465,7 @@ impl Segment {
         from: MainPort,
         bytes: &mut [u8],
         (first, start): (Time<True>, Time<True>),
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) -> Result<Returned, Lost> {
         self.copy_of = Some(first);
         let fate = self.pass_from(from, bytes, start, watch);
@@ -480,7 +480,7 @@ impl Segment {
         from: MainPort,
         bytes: &mut [u8],
         start: Time<True>,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) -> Result<Returned, Lost> {
         self.settle(start, watch);
         self.unsettled |= may_change_loops(bytes);
@@ -538,7 +538,7 @@ impl Segment {
         (bytes, offset): (&mut [u8], usize),
         items: &mut [Item],
         times: (Time<True>, Time<True>),
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         let visits = self.audiences[from as usize].gather(items);
         let places = self.paths[from as usize].entries.len();
@@ -611,7 +611,7 @@ impl Segment {
         from: MainPort,
         bytes: &mut [u8],
         times: (Time<True>, Time<True>),
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) -> Result<(), Lost> {
         for place in 0..self.paths[from as usize].entries.len() {
             let device = self.offer_whole((from, place), bytes, times, watch);
@@ -628,7 +628,7 @@ impl Segment {
         &mut self,
         from: MainPort,
         start: Time<True>,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         let audience = &mut self.audiences[from as usize];
         for number in (0..audience.restless()).rev() {
@@ -655,7 +655,7 @@ impl Segment {
         items: &mut [Item],
         payload: &mut [u8],
         (start, end): (Time<True>, Time<True>),
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         let audience = &mut self.audiences[from as usize];
         let entry = self.paths[from as usize].entries[place];
@@ -666,7 +666,7 @@ impl Segment {
         let esc = &mut device.esc;
         // Since the audience was gathered, only a reset by the device itself is possible.
         audience.update(place, esc.reach_version(), || esc.reach());
-        esc.begin_frame(begin);
+        esc.begin_good_frame(begin);
         let mut latch = false;
         for item in items {
             if !audience.concerns(place, item) {
@@ -702,7 +702,7 @@ impl Segment {
         (from, place): (MainPort, usize),
         bytes: &mut [u8],
         (start, end): (Time<True>, Time<True>),
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) -> Option<usize> {
         let entry = self.paths[from as usize].entries[place];
         let device = &mut self.devices[entry.device];
@@ -784,7 +784,7 @@ impl Segment {
     }
 
     /// Advances every SubDevice to the instant at which the last frame passed it.
-    pub fn catch_up(&mut self, watch: &mut impl FnMut(Observation)) {
+    pub fn catch_up(&mut self, watch: &mut Watcher) {
         let Some((from, start)) = self.last_frame else { return };
         for entry in &self.paths[from as usize].entries {
             let device = &mut self.devices[entry.device];
@@ -802,7 +802,7 @@ impl Segment {
     /// Processes all internal events up to `at`. Only valid if SubDevices were changed by frames
     /// and cables alone; no later frame may come earlier. It is cheaper than
     /// [`advance`](Self::advance).
-    pub fn live(&mut self, at: Time<True>, watch: &mut impl FnMut(Observation)) {
+    pub fn live(&mut self, at: Time<True>, watch: &mut Watcher) {
         while let Some(notice) = self.disturbances.take_notice(at, None) {
             self.notice(notice, true, watch);
         }
@@ -814,7 +814,7 @@ impl Segment {
     }
 
     /// Processes all internal events up to `at`.
-    pub fn advance(&mut self, at: Time<True>, watch: &mut impl FnMut(Observation)) {
+    pub fn advance(&mut self, at: Time<True>, watch: &mut Watcher) {
         while let Some(notice) = self.disturbances.take_notice(at, None) {
             self.notice(notice, true, watch);
         }
@@ -826,7 +826,7 @@ impl Segment {
     }
 
     /// Prepares a frame: applies the links that have changed by then, and computes the new ways.
-    fn settle(&mut self, start: Time<True>, watch: &mut impl FnMut(Observation)) {
+    fn settle(&mut self, start: Time<True>, watch: &mut Watcher) {
         while let Some(notice) = self.disturbances.take_notice(start, None) {
             self.notice(notice, true, watch);
         }
@@ -845,7 +845,7 @@ impl Segment {
         &mut self,
         notice: Notice,
         advance: bool,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         let device = &mut self.devices[notice.device];
         let at = device.oscillator().read(notice.at);

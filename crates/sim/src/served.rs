@@ -8,7 +8,6 @@
 //! The judges work as in a [`World`](crate::world), but do not know the intent: the grid of SYNC0
 //! is the one that the MainDevice wrote into each SYNC unit.
 
-use isocat_subdevice::Step;
 use isocat_wire::al::AlState;
 use isocat_wire::time::{Dc, Host, Nanos, Picos, Time, True};
 use isocat_wire::{frame, register};
@@ -22,6 +21,7 @@ use crate::fault::{Fault, Happened, Timeline};
 use crate::judge::Grid;
 use crate::observation::{Observation, Observed};
 use crate::segment::{Closing, Connection, Lost, Returned, Segment};
+use crate::watcher::Watcher;
 use crate::wiring::{End, Hop, MainPort};
 
 /// A segment for frames of any MainDevice.
@@ -42,9 +42,8 @@ pub struct Served {
     /// By port: when the last bit of the last frame, and the gap after it, have left the
     /// MainDevice.
     wire_free: [Time<True>; 2],
-    observations: Vec<Observation>,
-    /// Whether all events are kept for [`Self::settle`], not only those for judges.
-    everything: bool,
+    /// The events for [`Self::settle`].
+    watcher: Watcher,
     /// The last frames with process data: first bit and last bit at the MainDevice's port, and the
     /// port.
     passed: [(Time<True>, Time<True>, MainPort); KEPT],
@@ -87,8 +86,7 @@ impl Served {
             origin,
             now: Time::ZERO,
             wire_free: [Time::ZERO; 2],
-            observations: Vec::with_capacity(1024),
-            everything: false,
+            watcher: Watcher::for_served(),
             passed: [(Time::ZERO, Time::ZERO, MainPort::Primary); KEPT],
             passed_next: 0,
             clashes: vec![0; devices],
@@ -166,13 +164,12 @@ impl Served {
         while self.timeline.is_due(to) {
             let due = self.timeline.next().unwrap_or(to).min(to).max(self.now);
             self.now = due;
-            let Self { segment, timeline, port_faults, observations, everything, .. } = self;
-            let mut watch = |o| note(observations, *everything, o);
+            let Self { segment, timeline, port_faults, watcher, .. } = self;
             if timeline.next().is_some_and(|at| at <= due) {
-                segment.live(due, &mut watch);
+                segment.live(due, watcher);
             }
             let mut scene = Scene { segment, host: None, port: port_faults };
-            timeline.happen(due, &mut scene, &mut watch);
+            timeline.happen(due, &mut scene, watcher);
             if self.timeline.next().is_none_or(|next| next > to) {
                 break;
             }
@@ -254,10 +251,7 @@ impl Served {
         first: Time<True>,
         start: Time<True>,
     ) -> Result<Returned, Lost> {
-        let observations = &mut self.observations;
-        let everything = self.everything;
-        let watch = &mut |o| note(observations, everything, o);
-        self.segment.pass_copy(from, bytes, (first, start), watch)
+        self.segment.pass_copy(from, bytes, (first, start), &mut self.watcher)
     }
 
     /// Reports that the last frame carried process data: SYNC0 should not meet it.
@@ -269,7 +263,7 @@ impl Served {
 
     /// From now on [`Served::settle`] shows all steps and edges.
     pub fn show_everything(&mut self) {
-        self.everything = true;
+        self.watcher.keep_everything();
     }
 
     /// Processes all internal events up to `to`.
@@ -278,23 +272,21 @@ impl Served {
         if to > self.now {
             self.let_faults_happen(to);
             self.now = to;
-            let observations = &mut self.observations;
-            let everything = self.everything;
-            self.segment.live(to, &mut |o| note(observations, everything, o));
+            self.segment.live(to, &mut self.watcher);
         }
     }
 
     /// Shows the new events to the judges and to `see`, which also gets the judges' measurements.
     pub fn settle(&mut self, see: &mut impl FnMut(&Segment, &Observation, &Measured)) {
-        let mut observations = std::mem::take(&mut self.observations);
-        for observation in observations.drain(..) {
+        let mut watcher = std::mem::replace(&mut self.watcher, Watcher::blind());
+        for observation in watcher.take() {
             if observation.event == Observed::Sync0 {
                 self.look_for_clash(&observation);
             }
             let measured = self.bench.observe(&self.segment, &observation);
             see(&self.segment, &observation, &measured);
         }
-        self.observations = observations;
+        self.watcher = watcher;
     }
 
     /// Begins to judge now: SYNC0 of each SubDevice should keep the grid in its SYNC unit, seen by
@@ -395,22 +387,6 @@ impl Served {
             *end > Time::ZERO && *start + after <= at && at <= *end + after
         };
         self.clashes[edge.device] += u64::from(self.passed.iter().any(meets));
-    }
-}
-
-/// Keeps the events that are needed: most steps of most SubDevices are not.
-fn note(observations: &mut Vec<Observation>, everything: bool, observation: Observation) {
-    use Observed::*;
-    let concerns = everything
-        || match observation.event {
-            Began(step) => matches!(step, Step::MapOutputs | Step::OutputsValid),
-            Finished(step) => step == Step::MapOutputs,
-            Acknowledged(_) => false,
-            Sm2 | Sm3 | Sync0 | Sync1 | StillActive(_) | SmEventMissed(_) | State(..)
-            | Sampled(_) => true,
-        };
-    if concerns {
-        observations.push(observation);
     }
 }
 

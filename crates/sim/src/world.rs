@@ -3,7 +3,6 @@
 use std::collections::VecDeque;
 
 use isocat_maindevice::{Application, Config, Event, MainDevice, Port, Runner};
-use isocat_subdevice::Step;
 use isocat_wire::frame;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 
@@ -15,7 +14,8 @@ use crate::fault::frames::{FrameFaults, Harms};
 use crate::fault::happen::Scene;
 use crate::fault::{Fault, Foreign, Happened, Moment, Planned, Timeline};
 use crate::host::{HostMachine, HostModel};
-use crate::observation::{Observation, Observed};
+use crate::observation::Observation;
+use crate::watcher::Watcher;
 use crate::probe::Sight;
 use crate::segment::{Closing, Connection, Lost, Returned, Segment};
 use crate::wiring::{End, Hop, MainPort};
@@ -217,9 +217,8 @@ pub struct World<A, T> {
     wake_up: Time<True>,
     returning: VecDeque<Returning>,
     spare: Vec<Vec<u8>>,
-    observations: Vec<Observation>,
-    /// Whether the tap needs all events, not only those for judges.
-    everything: bool,
+    /// The events for judges and tap.
+    watcher: Watcher,
     timeline: Timeline,
     /// When each SubDevice was in sync; `None` if it is not recorded, or before operation.
     course: Option<Course>,
@@ -258,14 +257,13 @@ impl<A: Application, T: Tap> World<A, T> {
             runner: Runner::new(main, application),
             host,
             segment,
-            everything: tap.as_ref().is_some_and(Tap::observes),
+            watcher: watcher(tap.as_ref()),
             tap,
             bench,
             wanted: None,
             wake_up: Time::NEVER,
             returning: VecDeque::with_capacity(64),
             spare: Vec::with_capacity(64),
-            observations: Vec::with_capacity(256),
             timeline: Timeline::new(setup.faults, setup.seed).with_spares(setup.spares),
             course: None,
             follows_course: false,
@@ -351,9 +349,7 @@ impl<A: Application, T: Tap> World<A, T> {
         }
         if next > limit {
             self.now = limit;
-            let everything = self.keeps_everything();
-            let observations = &mut self.observations;
-            self.segment.advance(limit, &mut |o| note(observations, everything, o));
+            self.segment.advance(limit, &mut self.watcher);
             self.judge();
             return false;
         }
@@ -373,9 +369,7 @@ impl<A: Application, T: Tap> World<A, T> {
     /// Advances every SubDevice to the last frame that passed it, and the judges with them. Call
     /// this before reading their states.
     pub fn catch_up(&mut self) {
-        let everything = self.keeps_everything();
-        let observations = &mut self.observations;
-        self.segment.catch_up(&mut |o| note(observations, everything, o));
+        self.segment.catch_up(&mut self.watcher);
         self.judge();
     }
 
@@ -397,6 +391,7 @@ impl<A: Application, T: Tap> World<A, T> {
     /// Records when each SubDevice is in sync, once judging begins: see [`course`](Self::course).
     pub fn follow_course(&mut self) {
         self.follows_course = true;
+        self.watcher.keep_everything();
     }
     /// When each SubDevice was in sync; `None` if it is not recorded, and before judging.
     pub fn course(&self) -> Option<&Course> {
@@ -420,6 +415,9 @@ impl<A: Application, T: Tap> World<A, T> {
         if let Some(course) = &mut self.course {
             course.end(self.now);
             self.follows_course = false;
+            if !self.tap.as_ref().is_some_and(Tap::observes) {
+                self.watcher.keep_for_judges();
+            }
         }
         if let Some(tap) = &mut self.tap {
             tap.judging_ends(self.now, self.runner.main(), &self.segment);
@@ -445,10 +443,9 @@ impl<A: Application, T: Tap> World<A, T> {
         if self.timeline.next().is_some_and(|at| at <= self.now) {
             self.catch_up_to_now();
         }
-        let everything = self.keeps_everything();
-        let Self { timeline, segment, host, port_faults, observations, .. } = self;
+        let Self { timeline, segment, host, port_faults, watcher, .. } = self;
         let mut scene = Scene { segment, host: Some(host), port: port_faults };
-        timeline.happen(self.now, &mut scene, &mut |o| note(observations, everything, o));
+        timeline.happen(self.now, &mut scene, watcher);
         let foreign = timeline.take_foreign();
         for happened in timeline.take_news() {
             if let Some(tap) = &mut self.tap {
@@ -466,9 +463,7 @@ impl<A: Application, T: Tap> World<A, T> {
 
     /// Advances the SubDevices to the present true time, at which faults apply.
     fn catch_up_to_now(&mut self) {
-        let everything = self.keeps_everything();
-        let observations = &mut self.observations;
-        self.segment.live(self.now, &mut |o| note(observations, everything, o));
+        self.segment.live(self.now, &mut self.watcher);
     }
 
     /// Sends a frame of another MainDevice, at the same end of the same cable.
@@ -563,10 +558,7 @@ impl<A: Application, T: Tap> World<A, T> {
         back: Harms,
     ) {
         let wired = wired(from);
-        let everything = self.keeps_everything();
-        let observations = &mut self.observations;
-        let watch = &mut |o| note(observations, everything, o);
-        let fate = self.segment.pass_copy(wired, &mut bytes, (first, start), watch);
+        let fate = self.segment.pass_copy(wired, &mut bytes, (first, start), &mut self.watcher);
         if let Some(tap) = &mut self.tap {
             for seen in self.segment.take_probed() {
                 tap.probed(seen.at, seen.device, seen.sight, &seen.bytes);
@@ -619,15 +611,10 @@ impl<A: Application, T: Tap> World<A, T> {
         }
     }
 
-    /// Whether more events than those for judges are kept: recording the course needs all events.
-    fn keeps_everything(&self) -> bool {
-        self.everything || self.follows_course
-    }
-
     /// Passes the new events to the judges. They read the reference clock, so this comes after the
     /// SubDevices.
     fn judge(&mut self) {
-        for observation in self.observations.drain(..) {
+        for observation in self.watcher.take() {
             let measured = self.bench.observe(&self.segment, &observation);
             let course = self.course.as_mut().filter(|_| self.follows_course);
             if course.is_none() && self.tap.is_none() {
@@ -648,19 +635,13 @@ impl<A: Application, T: Tap> World<A, T> {
     }
 }
 
-/// Keeps the events for judges, or `everything`: most steps of most SubDevices are not needed.
-#[inline]
-fn note(observations: &mut Vec<Observation>, everything: bool, observation: Observation) {
-    use Observed::{Acknowledged, Began, Finished};
-    let concerns = match observation.event {
-        Began(Step::MapOutputs | Step::OutputsValid | Step::LatchInputs) => true,
-        Finished(step) => step == Step::MapOutputs,
-        Began(_) | Acknowledged(_) => false,
-        _ => true,
-    };
-    if everything || concerns {
-        observations.push(observation);
+/// Keeps the events that the judges need, and those of a tap that needs all.
+fn watcher(tap: Option<&impl Tap>) -> Watcher {
+    let mut watcher = Watcher::for_judges();
+    if tap.is_some_and(Tap::observes) {
+        watcher.keep_everything();
     }
+    watcher
 }
 
 fn wired(port: Port) -> MainPort {

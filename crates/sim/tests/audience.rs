@@ -161,7 +161,7 @@ fn every_frame_comes_back_the_same() {
             let mut ours = chance.frame();
             let mut theirs = ours.clone();
             let duration = Picos(frame::duration_ns(ours.len()) as i64 * 1000);
-            segment.pass(&mut ours, now, &mut |_| {}).expect("all loops stay as they are");
+            segment.pass(&mut ours, now, &mut isocat_sim::Watcher::blind()).expect("all loops stay as they are");
             // The path is that of this frame.
             let entries = segment.path().entries.clone();
             let returns = segment.path().returns.clone();
@@ -196,7 +196,7 @@ fn every_frame_comes_back_the_same() {
                 .sum::<u64>();
             now += duration + Picos(20_000_000);
         }
-        segment.catch_up(&mut |_| {});
+        segment.catch_up(&mut isocat_sim::Watcher::blind());
         for (position, (device, book)) in segment.devices().iter().zip(&book).enumerate() {
             let place = format!("seed {seed}, SubDevice {position}");
             let (a, b) = (&device.esc, book);
@@ -232,7 +232,7 @@ fn a_line_of_65535_answers_a_broadcast_read() {
         let at = writer.push(Command::Brd, 0, address, &[0]).unwrap();
         writer.finish();
         let start = Time::new(1_000_000_000);
-        let back = segment.pass(&mut buffer, start, &mut |_| {}).expect("a whole line").last_bit;
+        let back = segment.pass(&mut buffer, start, &mut isocat_sim::Watcher::blind()).expect("a whole line").last_bit;
         assert_eq!(u16::from_le_bytes([buffer[at + 1], buffer[at + 2]]), counted, "{count}");
         assert_eq!(buffer[at], LAN9252.kind);
         let adp = u16::from_le_bytes([buffer[at - 8], buffer[at - 7]]);

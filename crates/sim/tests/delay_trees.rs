@@ -528,7 +528,7 @@ fn both_sides_of_a_cut_ring() {
         let mut segment = segment(&line(COUNT), |_| &WIDE);
         segment.close_ring(COUNT - 1, P1, cable(COUNT)).unwrap();
         segment.unplug(cut, micros(1));
-        segment.advance(micros(1_000), &mut |_| ());
+        segment.advance(micros(1_000), &mut isocat_sim::Watcher::blind());
         for (from, side) in [(MainPort::Primary, 0..cut), (MainPort::Secondary, cut..COUNT)] {
             if side.is_empty() {
                 continue;

@@ -258,7 +258,7 @@ fn a_ring_cut_at_every_edge() {
         let closing = segment.close_ring(COUNT - 1, P1, cable(COUNT)).unwrap();
         assert_eq!(closing, COUNT);
         segment.unplug(cut, micros(1));
-        segment.advance(micros(1_000), &mut |_| ());
+        segment.advance(micros(1_000), &mut isocat_sim::Watcher::blind());
         let upper = |number| if number < cut { Some(line(COUNT)[number]) } else { None };
         let lower = |number: usize| {
             let above = (number + 1 < COUNT).then_some((number + 1, P0));

@@ -139,7 +139,7 @@ fn a_frame_behind_the_break_circulates_once_and_is_destroyed() {
     assert!(arrival(&segment, MainPort::Primary, 1, P1) - out > LOSS);
     segment.unplug(1, broken);
     let mut bytes = frame(Command::Brd, Address::Broadcast(0), &[0]);
-    let fate = segment.pass(&mut bytes, micros(100), &mut |_| ());
+    let fate = segment.pass(&mut bytes, micros(100), &mut isocat_sim::Watcher::blind());
     assert_eq!(fate, Err(Lost::Destroyed { device: 1 }));
     // All count once, and those behind the break once more.
     assert_eq!(usize::from(answer(&bytes).1), COUNT + COUNT - 1);
@@ -280,7 +280,7 @@ fn every_position_answers_in_a_tree_with_swapped_cables() {
     for (position, device) in order.iter().enumerate() {
         let at = micros(100 + 100 * position as u64);
         write(&mut segment, at, position as u16, 0x0010, &[position as u8 + 1, 0]);
-        segment.advance(at + Picos(50_000_000), &mut |_| ());
+        segment.advance(at + Picos(50_000_000), &mut isocat_sim::Watcher::blind());
         let esc = &segment.devices()[*device].esc;
         let station = esc.register(isocat_wire::register::STATION_ADDRESS);
         assert_eq!(usize::from(station), position + 1, "SubDevice {device}");

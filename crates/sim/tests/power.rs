@@ -38,7 +38,7 @@ fn al_status(segment: &Segment, device: usize) -> AlStatus {
 }
 
 fn live(segment: &mut Segment, until: Time<True>) {
-    segment.advance(until, &mut |_| ());
+    segment.advance(until, &mut isocat_sim::Watcher::blind());
 }
 
 #[test]

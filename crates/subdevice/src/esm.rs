@@ -129,7 +129,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 
     /// Supervises times: the requested OP, and SYNC0 in OP.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn supervise(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
         let sync_lost = self.sync.sync_deadline().is_some_and(|deadline| now >= deadline);
         let as_usual = match self.esm.state {
@@ -142,6 +142,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 
     /// Reacts to lost SYNC, and to the requested OP.
+    #[cold]
     fn judge_sync(&mut self, now: Time<Device>, sync_lost: bool, pdi: &mut impl Pdi) {
         let codes = self.description().behaviour.loss_codes;
         if self.esm.state == AlState::Op {

@@ -48,6 +48,7 @@ impl Measurement {
     }
 
     /// Takes an event of outputs; `begins_cycle`: whether it also begins the cycle.
+    #[inline]
     pub fn sm_event(&mut self, now: Time<Device>, begins_cycle: bool) {
         if let Some(last) = self.last_sm_event.replace(now) {
             widen(&mut self.cycle_distance, now - last);
@@ -67,6 +68,7 @@ impl Measurement {
     }
 
     /// Takes a SYNC0 pulse.
+    #[inline]
     pub fn sync0(&mut self, now: Time<Device>) {
         self.trigger = now;
         if let Some(last) = self.last_sm_event {
@@ -80,11 +82,13 @@ impl Measurement {
     }
 
     /// Takes the event that starts the mapping of outputs.
+    #[inline]
     pub fn maps_outputs(&mut self, now: Time<Device>) {
         self.step_began[Step::MapOutputs as usize] = now;
     }
 
     /// Takes the start of a step.
+    #[inline]
     pub fn begins(&mut self, now: Time<Device>, step: Step) {
         if step != Step::MapOutputs {
             self.step_began[step as usize] = now;
@@ -101,6 +105,7 @@ impl Measurement {
     }
 
     /// Takes the end of a step.
+    #[inline]
     pub fn ends(&mut self, now: Time<Device>, step: Step) {
         if !self.on {
             return;

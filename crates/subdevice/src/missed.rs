@@ -20,6 +20,7 @@ pub(crate) struct MissedCounter {
 
 impl MissedCounter {
     /// Takes an event in OP: SM2, or SM3 without outputs.
+    #[inline]
     pub fn event(&mut self, rule: MissedEvents) {
         if rule == MissedEvents::Balance {
             self.balance = self.balance.saturating_add(1);
@@ -28,6 +29,7 @@ impl MissedCounter {
 
     /// Takes the pulse at which outputs must be ready; `updated` tells whether they are. `grace`:
     /// number of pulses without an event that the Slave Stack Code ignores.
+    #[inline]
     pub fn pulse(&mut self, updated: bool, op: bool, rule: MissedEvents, limit: u16, grace: u32) {
         let missed = match rule {
             MissedEvents::Counted => !updated,
@@ -75,6 +77,7 @@ impl MissedCounter {
     }
 
     /// Whether the device must leave OP because too many events are missing.
+    #[inline]
     pub fn exceeded(&self, rule: MissedEvents, limit: u16) -> bool {
         match rule {
             MissedEvents::Counted => self.count > limit,

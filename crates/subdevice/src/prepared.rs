@@ -63,7 +63,7 @@ impl<T> Prepared<T> {
 
     /// The steps for an occasion. They are computed now if they are not kept or have another
     /// version.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn of(
         &mut self,
         occasion: Occasion,

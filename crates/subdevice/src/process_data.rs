@@ -121,6 +121,7 @@ impl ProcessData {
     }
 
     /// Reads the outputs. One access to a whole buffer opens and closes it.
+    #[inline]
     pub fn fetch_outputs(&self, image: &mut [u8], pdi: &mut impl Pdi) {
         for (start, bytes) in self.outputs.places(image.len()) {
             pdi.read(start, &mut image[bytes]);
@@ -140,6 +141,7 @@ impl ProcessData {
     }
 
     /// Writes the inputs. One access to a whole buffer opens and closes it.
+    #[inline]
     pub fn store_inputs(&self, image: &[u8], pdi: &mut impl Pdi) {
         for (start, bytes) in self.inputs.places(image.len()) {
             pdi.write(start, &image[bytes]);

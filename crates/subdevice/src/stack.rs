@@ -178,7 +178,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// As [`handle_event`](Self::handle_event), for a caller with enough memory: the steps of an
     /// event are kept in `prepared`, and reused as long as they do not change.
-    #[inline]
+    #[inline(always)]
     pub fn handle_event_prepared<'p, T>(
         &mut self,
         now: Time<Device>,
@@ -235,7 +235,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// Prepares for an event before its steps start; returns whether outputs wait that the event
     /// fetches. `None`: it starts no steps.
-    #[inline]
+    #[inline(always)]
     fn meet(&mut self, now: Time<Device>, event: Event, pdi: &mut impl Pdi) -> Option<bool> {
         let sync = matches!(event, Event::Sync0 | Event::Sync1);
         // This also holds below SAFEOP: without an acknowledge there is no further pulse.
@@ -259,7 +259,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// Whether the steps of a counted event start. A pulse that ends OP starts no outputs any more;
     /// the next one starts the cycle again.
-    #[inline]
+    #[inline(always)]
     fn stays(&mut self, now: Time<Device>, event: Event, op: bool, pdi: &mut impl Pdi) -> bool {
         if !matches!(event, Event::Sync0 | Event::Sync1) {
             return true;
@@ -274,7 +274,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// Whether SYNC is in acknowledge mode. In the cycle the register is not read again, to save
     /// time.
-    #[inline]
+    #[inline(always)]
     fn must_acknowledge(&self, pdi: &mut impl Pdi) -> bool {
         match self.esm.is_cyclic() && self.sync.mode().uses_dc() {
             true => self.sync.acknowledges_sync(),
@@ -284,7 +284,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// Begins a step: outputs are fetched from the ESC, outputs act, or inputs are latched. A step
     /// that no event started, or that a change of state ended, is ignored.
-    #[inline]
+    #[inline(always)]
     pub fn begin(&mut self, now: Time<Device>, step: Step, pdi: &mut impl Pdi) {
         if !self.sync.begin(now, step) {
             return;
@@ -309,7 +309,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     ///
     /// Outputs that are ready only after their SYNC0 are dropped: the application does not get
     /// them, so that the outputs of one cycle never act in the next.
-    #[inline]
+    #[inline(always)]
     pub fn finish(&mut self, now: Time<Device>, step: Step, pdi: &mut impl Pdi) {
         if !self.sync.finish(now, step) {
             return;
@@ -341,13 +341,41 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// frame. At that instant call [`handle_event`](Self::handle_event) with [`Event::Timer`] and
     /// then [`poll`](Self::poll): each does only what is due. The instant changes with every call
     /// of the other methods.
-    #[inline]
+    #[inline(always)]
     pub fn next_timeout(&self) -> Option<Time<Device>> {
         let earliest = |one: Option<Time<Device>>, other: Option<Time<Device>>| match (one, other) {
             (Some(one), Some(other)) => Some(one.min(other)),
             (one, other) => one.or(other),
         };
         earliest(earliest(self.timer(), self.supervision_due()), self.retry)
+    }
+
+    /// Whether it is in OP and waits for nothing but the next events: then its only timeout is the
+    /// [`sync_deadline`](Self::sync_deadline), and its state changes only with a call.
+    #[inline]
+    pub fn is_settled(&self) -> bool {
+        self.esm.state == AlState::Op
+            && self.esm.error.is_none()
+            && self.esm.pending.is_none()
+            && self.retry.is_none()
+            && self.sync.timer().is_none()
+            && !self.is_emulated()
+    }
+
+    /// Whether it is [settled](Self::is_settled), does not misbehave, and its cycle runs as it
+    /// should: then an event accesses only the process data, and only a SYNC pulse can end OP.
+    #[inline]
+    pub fn is_regular(&self) -> bool {
+        self.is_settled()
+            && !self.sync.sequence_lost()
+            && !self.sync.acknowledges_sync()
+            && self.description().behaviour.faults().is_empty()
+    }
+
+    /// When the next SYNC pulse must have come in OP; `None` without supervision.
+    #[inline]
+    pub fn sync_deadline(&self) -> Option<Time<Device>> {
+        self.sync.sync_deadline()
     }
 
     /// When the local timer of Free Run is due; `None` in other modes and below SAFEOP.
@@ -390,6 +418,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         al_event::sync_manager(self.description().outputs.sync_manager.into())
     }
 
+    #[inline(always)]
     fn hand_over_inputs(&mut self, pdi: &mut impl Pdi) {
         let image = self.dictionary.images_mut().inputs;
         self.application.map_inputs(self.process_data.inputs(image));

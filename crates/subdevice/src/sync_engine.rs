@@ -274,7 +274,7 @@ impl SyncEngine {
 
     /// The same with steps that may be known from an earlier cycle. `None`: the new outputs are
     /// dropped.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn react_prepared<'p, T>(
         &mut self,
         now: Time<Device>,
@@ -303,7 +303,7 @@ impl SyncEngine {
 
     /// Counts and measures an event; returns whether it is the last SYNC0 before SYNC1. `None`: it
     /// starts no steps.
-    #[inline]
+    #[inline(always)]
     fn note(
         &mut self,
         now: Time<Device>,
@@ -354,7 +354,7 @@ impl SyncEngine {
     }
 
     /// Starts the steps of an event, unless one of them has not ended since its last start.
-    #[inline]
+    #[inline(always)]
     fn take_up(&mut self, now: Time<Device>, begins: &Begins) -> bool {
         if self.running & begins.wants != 0 {
             increment(&mut self.cycle_time_too_small);
@@ -376,6 +376,7 @@ impl SyncEngine {
     }
 
     /// Begins a step. Returns `false` if no event started it.
+    #[inline(always)]
     pub(crate) fn begin(&mut self, now: Time<Device>, step: Step) -> bool {
         if !self.is_running(step) {
             return false;
@@ -394,6 +395,7 @@ impl SyncEngine {
     }
 
     /// Finishes a step. Returns `false` if it was not started.
+    #[inline(always)]
     pub(crate) fn finish(&mut self, now: Time<Device>, step: Step) -> bool {
         let was_running = self.is_running(step);
         self.running &= !bit(step);
@@ -404,6 +406,7 @@ impl SyncEngine {
     }
 
     /// Called when the outputs are mapped. Returns `false` if they missed their SYNC0.
+    #[inline(always)]
     pub(crate) fn outputs_ready(&mut self) -> bool {
         let in_time = !core::mem::take(&mut self.late);
         self.updated |= in_time;
@@ -412,6 +415,7 @@ impl SyncEngine {
 
     /// Called when outputs were fetched from the SM2 buffer; `toggle`: the bit in them that should
     /// change each time.
+    #[inline(always)]
     pub(crate) fn outputs_fetched(&mut self, toggle: Option<bool>) {
         self.received = true;
         if toggle.is_some() && self.toggle == toggle {
@@ -447,6 +451,7 @@ impl SyncEngine {
     }
 
     /// Sets the time of the next pulses, after a SYNC pulse.
+    #[inline(always)]
     fn expect_sync(&mut self) {
         let [allowed0, allowed1] = self.supervision;
         let sync0 = self.last_sync0.zip(allowed0).map(|(last, allowed)| last + allowed);
@@ -572,6 +577,7 @@ impl SyncEngine {
     }
 
     /// Takes a SYNC0 pulse; returns whether it is the last one before SYNC1.
+    #[inline(always)]
     fn sync0(&mut self, now: Time<Device>, new_outputs: bool, op: bool) -> bool {
         self.last_sync0 = Some(now);
         self.expect_sync();
@@ -590,6 +596,7 @@ impl SyncEngine {
         last
     }
 
+    #[inline(always)]
     fn sync1(&mut self, now: Time<Device>, op: bool) {
         self.last_sync1 = Some(now);
         self.expect_sync();
@@ -607,6 +614,7 @@ impl SyncEngine {
     }
 
     /// Takes the pulse at which outputs must be ready.
+    #[inline(always)]
     fn expect_outputs(&mut self, op: bool) {
         // Outputs that are still being mapped, or wait for it, have missed this pulse.
         self.late = self.is_running(Step::MapOutputs)

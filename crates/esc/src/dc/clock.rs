@@ -43,8 +43,14 @@ impl Clock {
     /// `from`. For a span of zero or less it is the first tick not before `from`; it is never if no
     /// run lasts that long.
     pub fn after(&self, from: Time<Device>, span: i64) -> Time<Device> {
+        self.passed(from, span).0
+    }
+
+    /// The same, and the local time that has passed then since the tick of `from`, unless that is
+    /// not known at once.
+    pub fn passed(&self, from: Time<Device>, span: i64) -> (Time<Device>, Option<u64>) {
         if span <= 0 {
-            return ceil(from);
+            return (ceil(from), None);
         }
         let from_tick = tick(from);
         // Counting from `from` keeps the numbers small.
@@ -60,7 +66,7 @@ impl Clock {
             None => (u128::from(target) * u128::from(area) / u128::from(speed)) as u64,
         };
         if ticks > FAR {
-            return Time::NEVER;
+            return (Time::NEVER, None);
         }
         // A tick is 9 to 11 ns, so one step is usually enough.
         let mut advance = clock.advance(ticks);
@@ -78,7 +84,9 @@ impl Clock {
             ticks += 1;
             advance = clock.advance(ticks);
         }
-        Time::new((clock.base + ticks) * TICK)
+        // Before the last change of speed, time passed at the nominal speed.
+        let passed = (clock.base == from_tick).then_some(advance);
+        (Time::new((clock.base + ticks) * TICK), passed)
     }
 
     /// Sets another speed from `now` on, and moves the local time by `step` ns. The dividers keep

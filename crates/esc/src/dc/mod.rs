@@ -246,7 +246,8 @@ impl DcUnit {
             self.reschedule(now);
             return None;
         }
-        let system = self.system(now);
+        let system = self.sync.reached().unwrap_or_else(|| self.system(now));
+        debug_assert_eq!(system, self.system(now));
         let output = self.sync.fire(system, registers);
         if output != Some(sync::Output::Sync0) || !self.sync.schedule_roughly(now, system) {
             self.reschedule(now);
@@ -359,7 +360,10 @@ impl DcUnit {
     fn reschedule(&mut self, now: Time<Device>) {
         let system = self.system(now);
         let clock = &self.clock;
-        self.sync.schedule(|target| clock.after(now, target.wrapping_sub(system) as i64));
+        self.sync.schedule(|target| {
+            let (at, passed) = clock.passed(now, target.wrapping_sub(system) as i64);
+            (at, passed.map(|passed| system.wrapping_add(passed)))
+        });
     }
 
     /// Local time plus offset in 64 bits, whatever the width of the counter.

@@ -71,6 +71,8 @@ struct Train {
     next: Option<u64>,
     /// The instant of it.
     due: Time<Device>,
+    /// The system time at that instant, if it is known.
+    reached: Option<u64>,
     /// System time of the last pulse, whether or not it made an edge.
     last: Option<u64>,
     /// The first pulse of an enabled output is still to come.
@@ -81,7 +83,14 @@ struct Train {
 
 impl Train {
     const REST: Self =
-        Self { next: None, last: None, due: Time::NEVER, pending: false, until: Time::ZERO };
+        Self {
+            next: None,
+            due: Time::NEVER,
+            reached: None,
+            last: None,
+            pending: false,
+            until: Time::ZERO,
+        };
 
     /// Begins a pulse and returns whether that is an edge. With length 0 the signal stays active
     /// until it is acknowledged.
@@ -94,8 +103,8 @@ impl Train {
         edge
     }
 
-    fn plan(&mut self, instant: &impl Fn(u64) -> Time<Device>) {
-        self.due = self.next.map_or(Time::NEVER, instant);
+    fn plan(&mut self, instant: &impl Fn(u64) -> (Time<Device>, Option<u64>)) {
+        (self.due, self.reached) = self.next.map_or((Time::NEVER, None), instant);
     }
 }
 
@@ -200,8 +209,8 @@ impl SyncUnit {
     }
 
     /// Places the due times. `instant` returns the first instant at which the system time has
-    /// reached its argument.
-    pub fn schedule(&mut self, instant: impl Fn(u64) -> Time<Device>) {
+    /// reached its argument, and the system time then if that is known at once.
+    pub fn schedule(&mut self, instant: impl Fn(u64) -> (Time<Device>, Option<u64>)) {
         self.rough = false;
         if self.active {
             self.sync0.plan(&instant);
@@ -233,6 +242,11 @@ impl SyncUnit {
             self.note_due();
         }
         !is_near
+    }
+
+    /// The system time at the due time, if it is known and the due time is that of SYNC0.
+    pub fn reached(&self) -> Option<u64> {
+        self.sync0.reached.filter(|_| self.sync0.due == self.due)
     }
 
     /// Whether the due time is rough, so that [`Self::schedule`] must place the next pulse exactly.

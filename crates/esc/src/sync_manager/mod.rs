@@ -8,7 +8,7 @@ mod unit;
 
 use core::ops::Range;
 
-use isocat_wire::register::{Value, al_event, sync_manager};
+use isocat_wire::register::{Value, al_event, sm_status, sync_manager};
 use isocat_wire::sync_manager::SyncManager;
 
 use crate::chip::Chip;
@@ -91,10 +91,10 @@ pub(crate) struct SyncManagers {
 }
 
 impl SyncManagers {
-    /// The SyncManagers of `chip` at rest; their registers get their reset values.
-    pub fn new(chip: &Chip, registers: &mut Registers) -> Self {
+    /// The SyncManagers of `chip` at rest.
+    pub fn new(chip: &Chip) -> Self {
         let count = usize::from(chip.sm_count.min(16));
-        let units = Self {
+        Self {
             units: [Unit::REST; 16],
             count,
             guarding: 0,
@@ -109,11 +109,7 @@ impl SyncManagers {
             pdi_label: 0,
             release_by_write: chip.acknowledge_by_write,
             shows_in_use: chip.sm_buffer_in_use,
-        };
-        for number in 0..count {
-            units.show(number, registers);
         }
-        units
     }
 
     /// Accesses `len` bytes of `ram` from `address` on (0x1000 is its first byte). `each` is called
@@ -121,7 +117,7 @@ impl SyncManagers {
     pub fn access(
         &mut self,
         (side, direction): (Side, Direction),
-        (ram, registers): (&mut [u8], &mut Registers),
+        ram: &mut [u8],
         address: u16,
         len: usize,
         mut each: impl FnMut(&mut [u8], Range<usize>),
@@ -133,8 +129,8 @@ impl SyncManagers {
             // Process data is usually one whole buffer, and nothing must be cut.
             let way = (side, direction);
             let place = match side {
-                Side::Ecat => self.ecat_whole(direction, registers, number),
-                Side::Pdi => self.guarded(way, registers, number, first..end, &mut outcome),
+                Side::Ecat => self.ecat_whole(direction, number),
+                Side::Pdi => self.guarded(way, number, first..end, &mut outcome),
             };
             if let Some(bytes) = place.and_then(|place| run(ram, place, len)) {
                 let len = bytes.len();
@@ -150,7 +146,7 @@ impl SyncManagers {
                 Place::Free => Some(at),
                 Place::Spare => None,
                 Place::Guarded(number) => {
-                    self.guarded((side, direction), registers, number, at..stop, &mut outcome)
+                    self.guarded((side, direction), number, at..stop, &mut outcome)
                 }
             };
             if let Some(bytes) = place.and_then(|place| run(ram, place, stop - at)) {
@@ -190,9 +186,10 @@ impl SyncManagers {
         self.closing != 0
     }
 
-    /// Handles the arrival of a frame: from now on the units that it accesses are remembered.
-    pub const fn begin_frame(&mut self) {
-        self.touched = 0;
+    /// Handles the arrival of a frame: from now on the units that it accesses are remembered, unless
+    /// the frame is known to be `good`.
+    pub const fn begin_frame(&mut self, good: bool) {
+        self.touched = if good { u16::MAX } else { 0 };
     }
 
     /// The label of the bytes that were last read, or are being read, from a SyncManager's buffer;
@@ -203,7 +200,7 @@ impl SyncManagers {
 
     /// Handles the end of a good frame: buffers that ECAT closed change hands, and those that it
     /// wrote get its `label`.
-    pub fn end_good_frame(&mut self, label: u64, registers: &mut Registers) -> Exchanged {
+    pub fn end_good_frame(&mut self, label: u64) -> Exchanged {
         let closed = core::mem::take(&mut self.closing);
         let mut exchanged = Exchanged { units: closed, ..Exchanged::default() };
         for number in bits(closed) {
@@ -220,7 +217,6 @@ impl SyncManagers {
                 };
                 unit.ecat_open = false;
                 exchanged.al_events |= u32::from(event && !before) * al_event::sync_manager(number);
-                self.show(number, registers);
                 continue;
             }
             if unit.config.is_ecat_write() {
@@ -232,17 +228,15 @@ impl SyncManagers {
                 exchanged.al_events |= al_event::sync_manager(number);
             }
             exchanged.latch |= unit.config.activate & SyncManager::LATCH_ECAT != 0;
-            self.show(number, registers);
         }
         exchanged
     }
 
     /// Handles the end of a bad frame: everything is as before the frame.
-    pub fn end_bad_frame(&mut self, registers: &mut Registers) {
+    pub fn end_bad_frame(&mut self) {
         self.closing = 0;
         for number in bits(core::mem::take(&mut self.touched)) {
             self.units[number] = self.before[number];
-            self.show(number, registers);
         }
     }
 
@@ -252,7 +246,6 @@ impl SyncManagers {
         &mut self,
         address: u16,
         len: usize,
-        registers: &mut Registers,
     ) -> Access {
         let mut outcome = Access::default();
         let first = usize::from(address);
@@ -265,7 +258,6 @@ impl SyncManagers {
             {
                 unit.complete(Side::Pdi);
                 outcome.changed |= unit.config.activate & SyncManager::LATCH_PDI != 0;
-                self.show(number, registers);
             }
         }
         outcome
@@ -290,7 +282,7 @@ impl SyncManagers {
             unit.reset();
         }
         unit.config = config;
-        self.update(number, registers);
+        self.update(number);
     }
 
     /// Handles a PDI write to the PDI control byte.
@@ -305,7 +297,7 @@ impl SyncManagers {
         unit.config.pdi_control = value & 0x03;
         registers.set_byte(sync_manager(number).address + 7, value & 0x03);
         self.closing &= !(1 << number);
-        self.update(number, registers);
+        self.update(number);
     }
 
     /// Handles a PDI read of the activation byte.
@@ -348,7 +340,6 @@ impl SyncManagers {
     pub fn ecat_whole(
         &mut self,
         direction: Direction,
-        registers: &mut Registers,
         number: usize,
     ) -> Option<usize> {
         let unit = &mut self.units[number];
@@ -366,7 +357,6 @@ impl SyncManagers {
         };
         unit.ecat_open = false;
         self.closing |= 1 << number;
-        self.show(number, registers);
         Some(place)
     }
 
@@ -377,7 +367,6 @@ impl SyncManagers {
     pub fn pdi_whole(
         &mut self,
         direction: Direction,
-        registers: &mut Registers,
         number: usize,
     ) -> Option<(usize, bool)> {
         let unit = &mut self.units[number];
@@ -396,7 +385,6 @@ impl SyncManagers {
                 (place, false)
             }
         };
-        self.show(number, registers);
         Some((place, watchdog))
     }
 
@@ -404,7 +392,6 @@ impl SyncManagers {
     fn guarded(
         &mut self,
         (side, direction): (Side, Direction),
-        registers: &mut Registers,
         number: usize,
         part: Range<usize>,
         outcome: &mut Access,
@@ -437,7 +424,6 @@ impl SyncManagers {
         } else if offset == 0 && side == Side::Ecat {
             self.closing &= !(1 << number);
         }
-        self.show(number, registers);
         Some(place)
     }
 
@@ -504,7 +490,7 @@ impl SyncManagers {
         next
     }
 
-    fn update(&mut self, number: usize, registers: &mut Registers) {
+    fn update(&mut self, number: usize) {
         let config = &self.units[number].config;
         let bit = 1 << number;
         if config.is_enabled() && config.length > 0 {
@@ -514,11 +500,22 @@ impl SyncManagers {
             self.closing &= !bit;
         }
         self.find_alone();
-        self.show(number, registers);
     }
 
-    fn show(&self, number: usize, registers: &mut Registers) {
-        registers.set_sync_manager_status(number, self.units[number].status(self.shows_in_use));
+    /// Puts the status bytes in a range of addresses into force, before they are read.
+    pub fn show(&self, range: &Range<u16>, registers: &mut Registers) {
+        for number in 0..self.count {
+            let address = sm_status(number).address;
+            if range.contains(&address) {
+                registers.set_byte(address, self.status(number));
+            }
+        }
+    }
+
+    /// The status byte of a SyncManager; 0 if the chip does not have it.
+    pub fn status(&self, number: usize) -> u8 {
+        let exists = number < self.count;
+        if exists { self.units[number & 15].status(self.shows_in_use) } else { 0 }
     }
 }
 

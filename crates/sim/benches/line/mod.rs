@@ -10,7 +10,6 @@
 
 use isocat_esc::LAN9252;
 use isocat_maindevice::{AssumedTimes, Config, DeviceConfig, Event, Motion};
-use isocat_sim::observation::Observation;
 use isocat_sim::segment::Segment;
 use isocat_sim::{
     Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Setup, Tap, World,
@@ -166,7 +165,7 @@ impl Line {
                     self.buffer[offset + layout.data()..offset + layout.wkc()].fill(self.number);
                 }
             }
-            let end = self.segment.pass(&mut self.buffer, at, &mut ignore);
+            let end = self.segment.pass(&mut self.buffer, at, &mut isocat_sim::Watcher::blind());
             let end = end.expect("no cable is disturbed").last_bit;
             if check {
                 self.check(number);
@@ -252,7 +251,7 @@ impl Line {
     fn change(&mut self, state: AlState) {
         self.write(register::AL_CONTROL, AlControl::request(state));
         self.now += Picos(1_000_000_000);
-        self.segment.advance(self.now, &mut ignore);
+        self.segment.advance(self.now, &mut isocat_sim::Watcher::blind());
         self.assert_state(state);
     }
 
@@ -267,7 +266,7 @@ impl Line {
 
     /// Passes a frame of the bring-up and waits until it is over everywhere.
     fn pass(&mut self, bytes: &mut [u8]) {
-        self.segment.pass(bytes, self.now, &mut ignore).expect("no cable is disturbed");
+        self.segment.pass(bytes, self.now, &mut isocat_sim::Watcher::blind()).expect("no cable is disturbed");
         self.now += self.segment.path().round_trip;
         self.now += Picos(1_000_000_000);
     }
@@ -400,4 +399,3 @@ pub fn run_cycles(world: &mut World<Motion, NoTap>, cycles: u64) -> u64 {
     world.main().statistics().working_counter_errors - before
 }
 
-fn ignore(_: Observation) {}

@@ -6,7 +6,7 @@
 
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::random::Stream;
-use isocat_sim::{ClockModel, Connection, Segment, Statistics};
+use isocat_sim::{ClockModel, Connection, Segment, Statistics, Watcher};
 use isocat_wire::datagram::Address;
 use isocat_wire::dc::DifferencePolarity;
 use isocat_wire::dc::SyncActivation;
@@ -86,14 +86,14 @@ pub fn spread(course: &Course, hops: &[usize]) -> Vec<Spread> {
     let mut line = Clocks { segment: Segment::new(connections, 7), now: Time::new(1_000_000_000) };
     line.set_up();
     for _ in 0..course.settling[0] {
-        line.lead(BURST, &mut |_| ());
+        line.lead(BURST, &mut Watcher::blind());
     }
     for device in 0..course.devices {
         line.write(device, register::TIME_FILTER_DEPTH, IN_OPERATION);
     }
     line.start_sync0();
     for _ in 0..course.settling[1] {
-        line.lead(CYCLE, &mut |_| ());
+        line.lead(CYCLE, &mut Watcher::blind());
     }
     let mut all: Vec<Spread> = hops
         .iter()
@@ -103,10 +103,10 @@ pub fn spread(course: &Course, hops: &[usize]) -> Vec<Spread> {
             difference: Statistics::default(),
         })
         .collect();
-    let mut edges: Vec<Observation> = Vec::new();
+    let mut watcher = Watcher::of_everything();
     for _ in 0..course.cycles {
-        edges.clear();
-        line.lead(CYCLE, &mut |seen| edges.push(seen));
+        line.lead(CYCLE, &mut watcher);
+        let edges: Vec<Observation> = watcher.take().collect();
         for one in &mut all {
             let device = &line.segment.devices()[one.hops];
             let shown = device.esc.register(register::SYSTEM_TIME_DIFFERENCE);
@@ -165,7 +165,7 @@ impl Clocks {
     }
 
     /// Sends one drift datagram, and processes all events up to the next.
-    fn lead(&mut self, until_next: Picos, watch: &mut impl FnMut(Observation)) {
+    fn lead(&mut self, until_next: Picos, watch: &mut Watcher) {
         let at = self.now + Picos((self.now.count() / 977 * 7_919 % LATENESS_PS) as i64);
         let time = Address::Station(
             isocat_wire::StationAddress(line::REFERENCE),
@@ -179,7 +179,7 @@ impl Clocks {
     fn write<T: Value>(&mut self, device: usize, register: Register<T>, value: T) {
         let position = AutoIncrementAddress::of_position(device as u16);
         let to = Address::Position(position, register.address);
-        self.send(Command::Apwr, to, value.to_bytes().as_ref(), self.now, &mut |_| ());
+        self.send(Command::Apwr, to, value.to_bytes().as_ref(), self.now, &mut Watcher::blind());
         // This is longer than any frame needs to come back.
         self.now += Picos(1_000_000_000);
     }
@@ -190,7 +190,7 @@ impl Clocks {
         address: Address,
         data: &[u8],
         at: Time<True>,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         let mut buffer = [0; MAX_LEN];
         let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);

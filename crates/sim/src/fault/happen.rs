@@ -8,7 +8,7 @@ use super::timeline::{Action, Active, Happened, Timeline, Undo};
 use super::{Fault, FrameFault, Whose};
 use crate::disturbance::Disturbances;
 use crate::host::HostMachine;
-use crate::observation::Observation;
+use crate::watcher::Watcher;
 use crate::random::Stream;
 use crate::segment::Segment;
 
@@ -31,7 +31,7 @@ impl Timeline {
         &mut self,
         now: Time<True>,
         scene: &mut Scene<'_>,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         while let Some((at, action)) = self.take(now, now + AHEAD) {
             match action {
@@ -55,7 +55,7 @@ impl Timeline {
         fault: Fault,
         lasts: Option<Nanos>,
         scene: &mut Scene<'_>,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         let id = self.next_id();
         let mut undo = Undo::Plain;
@@ -169,7 +169,7 @@ impl Timeline {
         at: Time<True>,
         id: u64,
         scene: &mut Scene<'_>,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         let Some(number) = self.active.iter().position(|active| active.id == id) else { return };
         let Active { fault, undo, .. } = self.active.remove(number);
@@ -252,7 +252,7 @@ impl Timeline {
         device: usize,
         spare: usize,
         scene: &mut Scene<'_>,
-        watch: &mut impl FnMut(Observation),
+        watch: &mut Watcher,
     ) {
         let Some(setup) = self.spares.get_mut(spare).and_then(Option::take) else { return };
         // The notice of the power loss is due by now.

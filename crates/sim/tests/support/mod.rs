@@ -104,7 +104,7 @@ pub fn send_from(
     (command, address, data): (Command, Address, &[u8]),
 ) -> (u16, Result<Returned, Lost>) {
     let mut bytes = frame(command, address, data);
-    let fate = segment.pass_from(port, &mut bytes, at, &mut |_| ());
+    let fate = segment.pass_from(port, &mut bytes, at, &mut isocat_sim::Watcher::blind());
     (answer(&bytes).1, fate)
 }
 

@@ -1,0 +1,220 @@
+//! A SubDevice in regular operation: nothing happens but ends of cyclic frames, SYNC pulses, and
+//! the steps that they start, one after another.
+//!
+//! Before anything else is due, nobody looks at the watchdogs and timeouts, so that they are set
+//! once at the end. Whatever is not regular is left to [`Device::live`], which can take over after
+//! each event and each step.
+
+use isocat_esc::EscEvent;
+use isocat_subdevice::{Event, Step};
+use isocat_wire::time::{Device as DeviceClock, Time};
+
+use super::Device;
+use crate::observation::{Content, Observed};
+use crate::watcher::Watcher;
+
+/// Why the short way ends.
+#[derive(PartialEq, Eq)]
+enum End {
+    /// Everything up to the limit has happened.
+    Done,
+    /// Something that is not regular comes next.
+    Irregular,
+}
+
+impl Device {
+    /// Lets events happen up to and including `limit`, as long as they are regular. `false`:
+    /// [`Device::live`] must go on.
+    #[inline]
+    pub(super) fn regular(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) -> bool {
+        let may = self.lane
+            && self.ready.is_empty()
+            && self.cpu.is_idle()
+            && self.esc.rest_until().min(self.timeout) > limit
+            && self.is_bare()
+            && self.stack.is_regular();
+        if !may {
+            return false;
+        }
+        let mut worked = None;
+        let end = self.events(limit, &mut worked, watch);
+        if let Some(at) = worked {
+            self.esc.note_pdi(at);
+        }
+        if end == End::Irregular {
+            return false;
+        }
+        self.quiet_until = self.esc.quiet_until().min(self.timeout);
+        true
+    }
+
+    /// The events up to `limit`. `worked`: when the CPU last accessed the ESC.
+    #[inline(always)]
+    fn events(
+        &mut self,
+        limit: Time<DeviceClock>,
+        worked: &mut Option<Time<DeviceClock>>,
+        watch: &mut Watcher,
+    ) -> End {
+        loop {
+            let Some((frame, sync)) = self.esc.cyclic_dues() else { return End::Irregular };
+            let at = frame.min(sync);
+            if self.esc.rest_until().min(self.timeout) <= limit {
+                return End::Irregular;
+            }
+            if at > limit {
+                return End::Done;
+            }
+            if frame > sync {
+                match self.esc.step_sync() {
+                    Some(EscEvent::Sync0) => self.sync(at, Event::Sync0, Observed::Sync0, watch),
+                    Some(EscEvent::Sync1) => self.sync(at, Event::Sync1, Observed::Sync1, watch),
+                    _ => {
+                        self.look_for_lost_pulses(at, watch);
+                        continue;
+                    }
+                }
+                *worked = Some(at);
+                if !self.stack.is_regular() {
+                    return End::Irregular;
+                }
+            } else {
+                let Some(events) = self.esc.end_regular_frame() else { return End::Irregular };
+                if events == 0 {
+                    continue;
+                }
+                let [outputs, inputs] = self.sm_events;
+                if events & !(outputs | inputs) != 0 {
+                    // What is not of the process data's first SyncManagers.
+                    if let Some(at) = worked.take() {
+                        self.esc.note_pdi(at);
+                    }
+                    self.esc_event(at, EscEvent::FrameEnd { al_events: events }, watch);
+                    return End::Irregular;
+                }
+                let content = Content { frame: self.frame, ..Content::default() };
+                if events & outputs != 0 {
+                    self.report(at, Observed::Sm2, content, watch);
+                    self.start(at, Event::Sm2);
+                }
+                if events & inputs != 0 {
+                    let sync_manager = self.stack.description().inputs.sync_manager;
+                    let latched = Time::new(self.esc.label(sync_manager));
+                    self.report(at, Observed::Sm3, Content { latched, ..content }, watch);
+                    self.start(at, Event::Sm3);
+                }
+                *worked = Some(at);
+            }
+            if !self.ready.is_empty() && !self.steps(limit, worked, watch) {
+                return End::Irregular;
+            }
+        }
+    }
+
+    /// A SYNC pulse.
+    #[inline(always)]
+    fn sync(
+        &mut self,
+        at: Time<DeviceClock>,
+        event: Event,
+        observed: Observed,
+        watch: &mut Watcher,
+    ) {
+        self.report(at, observed, Content::default(), watch);
+        self.start(at, event);
+        self.look(at, watch);
+    }
+
+    /// Takes the steps that an event starts.
+    #[inline(always)]
+    fn start(&mut self, at: Time<DeviceClock>, event: Event) {
+        let pdi = &mut self.esc.pdi_in_lane(at);
+        let started = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
+        if started.steps.is_empty() {
+            return;
+        }
+        if !self.ready.is_empty() {
+            // What an event at the same instant has started stands in front.
+            self.cpu.put(self.ready_at, &self.ready, 0);
+        }
+        self.ready_at = at;
+        self.ready = match started.made {
+            Some(kept) if self.cpu.is_even() => {
+                *kept.get_or_insert_with(|| self.cpu.times(started.steps, None))
+            }
+            _ => self.cpu.times(started.steps, None),
+        };
+    }
+
+    /// Does the steps of the last event. `false`: something comes between them, and the rest of
+    /// them is on the agenda.
+    #[inline(always)]
+    fn steps(
+        &mut self,
+        limit: Time<DeviceClock>,
+        worked: &mut Option<Time<DeviceClock>>,
+        watch: &mut Watcher,
+    ) -> bool {
+        if !self.cpu.is_idle() || !self.ready.are_in_order() {
+            self.put_ready(0);
+            return false;
+        }
+        // What the CPU does at an instant, it does before all that the ESC does then.
+        let mut free_until = limit.min(self.esc.quiet_until());
+        let mut number = 0;
+        while let Some((step, begin, end)) = self.ready.step(number) {
+            let (begin, end) = (self.ready_at + begin, self.ready_at + end);
+            if end > free_until {
+                // `live` sees whether it begins before that.
+                self.put_ready(number);
+                return false;
+            }
+            number += 1;
+            *worked = Some(end);
+            match step {
+                Step::Application => self.step_apart(Step::Application, (begin, end), watch),
+                Step::OutputsValid => self.step_apart(Step::OutputsValid, (begin, end), watch),
+                Step::LatchInputs => self.step_apart(Step::LatchInputs, (begin, end), watch),
+                Step::MapOutputs => self.step_at_esc(Step::MapOutputs, (begin, end), watch),
+                Step::MapInputs => {
+                    self.step_at_esc(Step::MapInputs, (begin, end), watch);
+                    // The buffer that changes hands may have started a watchdog.
+                    free_until = free_until.min(self.esc.rest_until());
+                }
+            }
+        }
+        self.ready.clear();
+        true
+    }
+
+    /// A step that does not access the ESC.
+    #[inline(always)]
+    fn step_apart(
+        &mut self,
+        step: Step,
+        (begin, end): (Time<DeviceClock>, Time<DeviceClock>),
+        watch: &mut Watcher,
+    ) {
+        self.stack.begin(begin, step, &mut super::Nowhere);
+        let content = Content { frame: self.began(begin, step), ..Content::default() };
+        self.report(begin, Observed::Began(step), content, watch);
+        self.stack.finish(end, step, &mut super::Nowhere);
+        self.report(end, Observed::Finished(step), Content::default(), watch);
+    }
+
+    /// A step that accesses the ESC.
+    #[inline(always)]
+    fn step_at_esc(
+        &mut self,
+        step: Step,
+        (begin, end): (Time<DeviceClock>, Time<DeviceClock>),
+        watch: &mut Watcher,
+    ) {
+        self.stack.begin(begin, step, &mut self.esc.pdi_in_lane(begin));
+        let content = Content { frame: self.began(begin, step), ..Content::default() };
+        self.report(begin, Observed::Began(step), content, watch);
+        self.stack.finish(end, step, &mut self.esc.pdi_in_lane(end));
+        let frame = if step == Step::MapOutputs { self.outputs_mapped() } else { Time::ZERO };
+        self.report(end, Observed::Finished(step), Content { frame, ..Content::default() }, watch);
+    }
+}

@@ -196,28 +196,66 @@ impl Bench {
 
     /// Takes an event at a SubDevice; returns what was measured of it.
     pub fn observe(&mut self, segment: &Segment, observation: &Observation) -> Measured {
-        let Observation { device: index, device_at, event, .. } = *observation;
-        let true_time = || segment.devices()[index].oscillator().when(device_at);
+        let Observation { device: index, device_at, event, content } = *observation;
+        let subject = &segment.devices()[index];
+        let true_time = || subject.oscillator().when(device_at);
         let device = &mut self.devices[index];
         if let Observed::State(state, code) = event {
             device.states.push(StateChange { at: true_time(), state, code });
         }
         let mut measured = Measured::default();
         let Some(intent) = &self.intent else { return measured };
-        let acted = device.follow(intent, segment, observation);
-        // A SubDevice without SYNC0 has no timing to judge.
-        if device.sync0.is_none() && !matches!(event, Observed::SmEventMissed(_)) {
-            return measured;
+        if let Some(sampling) = subject.sampling() {
+            device.follow_samples(subject, observation, sampling);
         }
+        // A SubDevice without SYNC0 has no timing to judge, but its process data are followed.
+        let is_timed = device.sync0.is_some();
+        let chain = || subject.stack.sync().chain();
+        let exchange = || intent.exchange.get(index).copied().flatten().unwrap_or(intent.send);
         match event {
-            Observed::Sm2 => device.margin.sm2(device_at),
-            Observed::Began(Step::MapOutputs) => device.margin.begins(),
-            Observed::Finished(Step::MapOutputs) => {
+            Observed::Sm2 => {
+                device.outputs_cycle.stored(content.frame);
+                if chain().mode == SyncMode::SmSynchronous {
+                    device.inputs_cycle.event(content.frame);
+                }
+                if is_timed {
+                    device.margin.sm2(device_at);
+                }
+            }
+            Observed::Began(Step::MapOutputs) if is_timed => device.margin.begins(),
+            Observed::Finished(Step::MapOutputs) if is_timed => {
                 measured.margin = device.margin.ready(device_at);
             }
+            Observed::Began(Step::OutputsValid) => {
+                let acted = (content.frame != Time::ZERO).then(true_time);
+                if let Some(at) = acted {
+                    let bound = device.outputs_bound(&chain(), intent, index, exchange().cycle);
+                    device.outputs_cycle.acted(content.frame, at, bound);
+                }
+                // With subordinated cycles only the first time counts; later ones act again.
+                if is_timed && let Some(cycle) = device.cycle.take() {
+                    let at = acted.unwrap_or_else(true_time);
+                    device.outputs_delay.valid(at);
+                    self.outputs_valid.valid(cycle, at);
+                }
+            }
+            Observed::Began(Step::LatchInputs) => device.inputs_cycle.latched(device_at),
+            Observed::Sm3 => {
+                let chain = chain();
+                if let Some(fetched) = fetched(segment, index, device_at, content) {
+                    let shifted = intent.inputs_shifted.get(index).copied().unwrap_or(false);
+                    let bound = device.inputs_bound(&chain, exchange().cycle, shifted);
+                    device.inputs_cycle.fetched(fetched, bound);
+                }
+                if chain.mode == SyncMode::SmSynchronous && !chain.has_outputs {
+                    device.inputs_cycle.event(content.frame);
+                }
+            }
             Observed::SmEventMissed(counter) => device.missed.missed(true_time(), counter),
-            Observed::StillActive(signal) => device.lost_pulses.lost(true_time(), signal),
-            Observed::Sync0 | Observed::Sync1 => {
+            Observed::StillActive(signal) if is_timed => {
+                device.lost_pulses.lost(true_time(), signal);
+            }
+            Observed::Sync0 | Observed::Sync1 if is_timed => {
                 let at = true_time();
                 let leads = leads(self.led, intent, segment);
                 let reference =
@@ -230,7 +268,7 @@ impl Bench {
                 {
                     measured.sync0_error = Some(judge.edge(at, reference));
                 }
-                let chain = segment.devices()[index].stack.sync().chain();
+                let chain = chain();
                 if event == pulse_of_outputs(&chain) {
                     device.outputs_cycle.pulse(at);
                 }
@@ -244,14 +282,6 @@ impl Bench {
                     device.cycle = intent.acting[index].and_then(number);
                 }
             }
-            Observed::Began(Step::OutputsValid) => {
-                // With subordinated cycles only the first time counts; later ones act again.
-                if let Some(cycle) = device.cycle.take() {
-                    let at = acted.unwrap_or_else(true_time);
-                    device.outputs_delay.valid(at);
-                    self.outputs_valid.valid(cycle, at);
-                }
-            }
             _ => {}
         }
         measured
@@ -259,50 +289,6 @@ impl Bench {
 }
 
 impl DeviceBench {
-    /// Follows process data by their content; returns when outputs acted.
-    fn follow(
-        &mut self,
-        intent: &Intent,
-        segment: &Segment,
-        observation: &Observation,
-    ) -> Option<Time<True>> {
-        let Observation { device: index, device_at, event, content } = *observation;
-        let device = &segment.devices()[index];
-        let chain = || device.stack.sync().chain();
-        let exchange = || intent.exchange.get(index).copied().flatten().unwrap_or(intent.send);
-        if let Some(sampling) = device.sampling() {
-            self.follow_samples(device, observation, sampling);
-        }
-        match event {
-            Observed::Sm2 => {
-                self.outputs_cycle.stored(content.frame);
-                if chain().mode == SyncMode::SmSynchronous {
-                    self.inputs_cycle.event(content.frame);
-                }
-            }
-            Observed::Began(Step::OutputsValid) if content.frame != Time::ZERO => {
-                let bound = self.outputs_bound(&chain(), intent, index, exchange().cycle);
-                let at = device.oscillator().when(device_at);
-                self.outputs_cycle.acted(content.frame, at, bound);
-                return Some(at);
-            }
-            Observed::Began(Step::LatchInputs) => self.inputs_cycle.latched(device_at),
-            Observed::Sm3 => {
-                let chain = chain();
-                if let Some(fetched) = fetched(segment, index, device_at, content) {
-                    let shifted = intent.inputs_shifted.get(index).copied().unwrap_or(false);
-                    let bound = self.inputs_bound(&chain, exchange().cycle, shifted);
-                    self.inputs_cycle.fetched(fetched, bound);
-                }
-                if chain.mode == SyncMode::SmSynchronous && !chain.has_outputs {
-                    self.inputs_cycle.event(content.frame);
-                }
-            }
-            _ => {}
-        }
-        None
-    }
-
     /// The same for a device that oversamples. The first channel of a direction stands for all:
     /// they are sampled together.
     fn follow_samples(

@@ -90,8 +90,8 @@ pub trait Tap {
     /// advanced to the last frame that concerned it.
     fn passed(&mut self, _at: Time<True>, _segment: &Segment) {}
 
-    /// Whether [`observed`](Self::observed) needs all events; asked once. Otherwise it may only get
-    /// the events for judges.
+    /// Whether [`observed`](Self::observed) and [`measured`](Self::measured) are needed, and with
+    /// them all events; asked once. Otherwise they are not called.
     fn observes(&self) -> bool {
         true
     }
@@ -217,8 +217,9 @@ pub struct World<A, T> {
     wake_up: Time<True>,
     returning: VecDeque<Returning>,
     spare: Vec<Vec<u8>>,
-    /// The events for judges and tap.
+    /// The events for judges and tap, and whether the tap needs them.
     watcher: Watcher,
+    observes: bool,
     timeline: Timeline,
     /// When each SubDevice was in sync; `None` if it is not recorded, or before operation.
     course: Option<Course>,
@@ -257,6 +258,7 @@ impl<A: Application, T: Tap> World<A, T> {
             runner: Runner::new(main, application),
             host,
             segment,
+            observes: tap.as_ref().is_some_and(Tap::observes),
             watcher: watcher(tap.as_ref()),
             tap,
             bench,
@@ -415,7 +417,7 @@ impl<A: Application, T: Tap> World<A, T> {
         if let Some(course) = &mut self.course {
             course.end(self.now);
             self.follows_course = false;
-            if !self.tap.as_ref().is_some_and(Tap::observes) {
+            if !self.observes {
                 self.watcher.keep_for_judges();
             }
         }
@@ -614,10 +616,12 @@ impl<A: Application, T: Tap> World<A, T> {
     /// Passes the new events to the judges. They read the reference clock, so this comes after the
     /// SubDevices.
     fn judge(&mut self) {
+        let tap = &mut self.tap.as_mut().filter(|_| self.observes);
+        let course = &mut self.course.as_mut().filter(|_| self.follows_course);
+        let is_followed = tap.is_some() || course.is_some();
         for observation in self.watcher.take() {
             let measured = self.bench.observe(&self.segment, &observation);
-            let course = self.course.as_mut().filter(|_| self.follows_course);
-            if course.is_none() && self.tap.is_none() {
+            if !is_followed {
                 continue;
             }
             let oscillator = self.segment.devices()[observation.device].oscillator();
@@ -625,7 +629,7 @@ impl<A: Application, T: Tap> World<A, T> {
             if let Some(course) = course {
                 course.observe(observation.device, at, observation.event, &measured);
             }
-            if let Some(tap) = &mut self.tap {
+            if let Some(tap) = tap {
                 tap.observed(&self.segment, at, &observation);
                 if measured != Measured::default() {
                     tap.measured(at, observation.device, &measured);

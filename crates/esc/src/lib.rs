@@ -64,4 +64,5 @@ pub use esc::{Esc, EscEvent, PortError};
 pub use pdi::{EscPdi, Pdi, PdiExt};
 pub use process::{Passing, Processed};
 pub use reach::Reach;
+pub use regular::Usual;
 pub use rx_fifo::{Receiver, RxFifo};

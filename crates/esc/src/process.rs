@@ -130,15 +130,18 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// left out. The caller increments auto-increment addresses and handles `marks_frames` and
     /// `stops_circulating` of [`Reach`](crate::Reach). A frame with a chain of datagrams that is
     /// cut off needs `process`.
+    #[inline]
     pub fn begin_frame(&mut self, start: Time<Device>) {
         self.begin(start, false);
     }
 
     /// The same for a frame whose check sequence is right, as the caller knows before its end.
+    #[inline]
     pub fn begin_good_frame(&mut self, start: Time<Device>) {
         self.begin(start, true);
     }
 
+    #[inline]
     fn begin(&mut self, start: Time<Device>, good: bool) {
         // Frames pass one after the other, so the last one is over, whatever end was stated for it.
         self.settle(Time::NEVER);
@@ -191,6 +194,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// Ends the frame: the last bit of its check sequence, which is `good` or not, arrives at
     /// `end`. What the frame wrote comes into force then.
+    #[inline]
     pub fn close_frame(&mut self, end: Time<Device>, good: bool) {
         if !good {
             self.shadow.clear();

@@ -49,6 +49,40 @@ impl Area {
     }
 }
 
+/// A kind of datagrams that most cyclic frames consist of.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Usual {
+    /// The system time of a station, for all behind it: FRMW of 0x0910.
+    TimeOf,
+    /// The same by position: ARMW.
+    TimeAt,
+    /// Process data: LRW, LRD or LWR.
+    Exchange {
+        /// Outputs are written.
+        writes: bool,
+        /// Inputs are read.
+        reads: bool,
+    },
+    /// AL status of all: BRD of 0x0130, two bytes.
+    Status,
+}
+
+impl Usual {
+    /// The kind of a datagram with `len` data bytes; `None` for all others.
+    pub fn of(command: Command, address: u32, len: usize) -> Option<Self> {
+        let ado = (address >> 16) as u16;
+        match command {
+            Command::Lrw => Some(Self::Exchange { writes: true, reads: true }),
+            Command::Lrd => Some(Self::Exchange { writes: false, reads: true }),
+            Command::Lwr => Some(Self::Exchange { writes: true, reads: false }),
+            Command::Frmw if ado == TIME => Some(Self::TimeOf),
+            Command::Armw if ado == TIME => Some(Self::TimeAt),
+            Command::Brd if ado == register::AL_STATUS.address && len == 2 => Some(Self::Status),
+            _ => None,
+        }
+    }
+}
+
 /// What is known about the [`Areas`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Known {
@@ -96,17 +130,23 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         address: u32,
         data: &mut [u8],
     ) -> Option<u16> {
+        self.answer(Usual::of(command, address, data.len())?, address, data)
+    }
+
+    /// Answers a datagram of one of the usual kinds, as far as it is regular; returns its working
+    /// counter increment. `None`: nothing was done, and [`datagram`](Self::datagram) must answer it.
+    #[inline]
+    pub fn answer(&mut self, usual: Usual, address: u32, data: &mut [u8]) -> Option<u16> {
         if !self.lane {
             return None;
         }
-        let (adp, ado) = (address as u16, (address >> 16) as u16);
-        match command {
-            Command::Lrw | Command::Lrd | Command::Lwr => {
-                self.exchange_areas(command, address, data)
-            }
-            Command::Frmw if ado == TIME && !self.is_addressed(adp) => self.bring_time(data),
-            Command::Armw if ado == TIME && adp != 0 => self.bring_time(data),
-            Command::Brd if ado == register::AL_STATUS.address => {
+        let adp = address as u16;
+        match usual {
+            Usual::Exchange { writes, reads } => self.exchange_areas(writes, reads, address, data),
+            Usual::TimeOf if !self.is_addressed(adp) => self.bring_time(data),
+            Usual::TimeAt if adp != 0 => self.bring_time(data),
+            Usual::TimeOf | Usual::TimeAt => None,
+            Usual::Status => {
                 let data: &mut [u8; 2] = data.try_into().ok()?;
                 // Without an event there is nothing to acknowledge.
                 self.flight.acknowledged |= self.al.ecat_events() & ECAT_AL_STATUS;
@@ -114,8 +154,13 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 (data[0], data[1]) = (data[0] | status[0], data[1] | status[1]);
                 Some(1)
             }
-            _ => None,
         }
+    }
+
+    /// The events that every datagram of the frame in flight shows in its IRQ field.
+    #[inline]
+    pub const fn irq(&self) -> u16 {
+        self.flight.irq
     }
 
     /// Stores the system time of the reference clock, which every ESC behind it receives in
@@ -143,7 +188,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// Exchanges process data of both directions, or of one.
-    fn exchange_areas(&mut self, command: Command, address: u32, data: &mut [u8]) -> Option<u16> {
+    #[inline]
+    fn exchange_areas(
+        &mut self,
+        writes: bool,
+        reads: bool,
+        address: u32,
+        data: &mut [u8],
+    ) -> Option<u16> {
         let areas = match self.areas {
             Known::Usual(areas) => areas,
             Known::Unusual => return None,
@@ -158,8 +210,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             None => Some(None),
             Some(area) => Some(Some((area.place(address, data.len())?, area.sync_manager))),
         };
-        let outputs = place(areas.outputs, command != Command::Lrd)?;
-        let inputs = place(areas.inputs, command != Command::Lwr)?;
+        let outputs = place(areas.outputs, writes)?;
+        let inputs = place(areas.inputs, reads)?;
         let mut count = 0;
         let Self { sync_managers, ram, .. } = self;
         let ram = ram.as_mut();
@@ -170,7 +222,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 sync_managers.ecat_whole(Direction::Write, number.into())
         {
             ram[place - base..][..at.len()].copy_from_slice(&data[at]);
-            count += if command == Command::Lrw { 2 } else { 1 };
+            count += if reads { 2 } else { 1 };
         }
         if let Some((at, number)) = inputs
             && let Some(place) = sync_managers.ecat_whole(Direction::Read, number.into())

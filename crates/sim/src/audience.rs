@@ -5,7 +5,7 @@
 //! ([`Reach`]); they are rebuilt when a datagram needs them after a change. ESCs whose reach may
 //! change by itself are listed, and updated before the audience of a frame is gathered.
 
-use isocat_esc::Reach;
+use isocat_esc::{Reach, Usual};
 use isocat_wire::Command;
 use isocat_wire::datagram::{Layout, Layouts};
 use isocat_wire::frame;
@@ -15,6 +15,8 @@ use isocat_wire::frame;
 pub(crate) struct Item {
     pub layout: Layout,
     pub command: Command,
+    /// Its kind, if it is a usual one.
+    pub usual: Option<Usual>,
     pub irq: u16,
     pub wkc: u16,
 }
@@ -50,7 +52,9 @@ pub(crate) fn read(bytes: &[u8], items: &mut Vec<Item>) -> Option<usize> {
             Err(_) | Ok(Command::Nop) => {}
             Ok(command) => {
                 let wkc = u16::from_le_bytes([payload[layout.wkc()], payload[layout.wkc() + 1]]);
-                items.push(Item { layout, command, irq: layout.header.irq, wkc });
+                let header = layout.header;
+                let usual = Usual::of(command, header.address, header.len.into());
+                items.push(Item { layout, command, usual, irq: header.irq, wkc });
             }
         }
     }

@@ -672,6 +672,14 @@ impl Segment {
             if !audience.concerns(place, item) {
                 continue;
             }
+            if let Some(usual) = item.usual {
+                let data = &mut payload[item.layout.data()..item.layout.wkc()];
+                if let Some(count) = esc.answer(usual, item.address_at(place), data) {
+                    item.wkc = item.wkc.wrapping_add(count);
+                    item.irq |= esc.irq();
+                    continue;
+                }
+            }
             let mut passing = Passing {
                 command: item.command,
                 address: item.address_at(place),

@@ -79,53 +79,89 @@ pub enum Action {
     Poll,
 }
 
-/// When the steps of one event begin and end, in ns since the event.
+/// The actions that one event starts, in the order of time.
 #[derive(Clone, Copy, Debug)]
-pub struct Times {
-    steps: [Step; MAX_STEPS],
-    spans: [(Nanos, Nanos); MAX_STEPS],
+pub struct Plan {
+    parts: [Part; MAX_PARTS],
     len: u8,
-    /// When the program acknowledges the pulse, if it has to.
-    acknowledge: Option<(Nanos, Event)>,
-    /// Whether each step begins after those in front of it have ended.
-    in_order: bool,
 }
 
-impl Times {
-    /// No steps.
+/// A part of a plan: an action, or a step from its beginning to its end.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Part {
+    /// Time from the event to the action, or to the beginning of the step.
+    pub after: Nanos,
+    /// Time from the event to the end of the step.
+    pub until: Nanos,
+    /// What happens.
+    pub what: What,
+}
+
+/// The content of a part.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum What {
+    /// A step, during which no other action of the plan happens.
+    Step(Step),
+    /// One action.
+    Action(Action),
+}
+
+impl Plan {
+    /// Nothing.
     pub const NONE: Self = Self {
-        steps: [Step::MapOutputs; MAX_STEPS],
-        spans: [(Nanos::ZERO, Nanos::ZERO); MAX_STEPS],
+        parts: [Part { after: Nanos::ZERO, until: Nanos::ZERO, what: What::Action(Action::Poll) };
+            MAX_PARTS],
         len: 0,
-        acknowledge: None,
-        in_order: true,
     };
 
-    /// Removes all steps.
-    pub fn clear(&mut self) {
-        (self.len, self.acknowledge, self.in_order) = (0, None, true);
-    }
-
-    /// Whether there is nothing to do.
-    pub fn is_empty(&self) -> bool {
-        self.len == 0 && self.acknowledge.is_none()
-    }
-
-    /// Whether each step ends before the next one begins, and there is nothing else to do.
-    pub fn are_in_order(&self) -> bool {
-        self.in_order && self.acknowledge.is_none()
-    }
-
-    /// One of the steps, in the order of their start, with its beginning and its end.
-    #[inline]
-    pub fn step(&self, number: usize) -> Option<(Step, Nanos, Nanos)> {
-        if number >= MAX_STEPS.min(self.len.into()) {
-            return None;
+    /// Inserts an action after all that are due no later.
+    fn insert(&mut self, after: Nanos, action: Action) {
+        let mut place = usize::from(self.len);
+        while place > 0 && self.parts[place - 1].after > after {
+            self.parts[place] = self.parts[place - 1];
+            place -= 1;
         }
-        let (begin, end) = self.spans[number];
-        Some((self.steps[number], begin, end))
+        self.parts[place] = Part { after, until: after, what: What::Action(action) };
+        self.len += 1;
+    }
+
+    /// Makes one part of the beginning and the end of each step between which nothing happens.
+    fn join(&mut self) {
+        let mut joined = 0;
+        let mut number = 0;
+        while number < usize::from(self.len) {
+            let mut part = self.parts[number];
+            number += 1;
+            if let What::Action(Action::Begin(step)) = part.what
+                && let Some(next) = self.part(number)
+                && next.what == What::Action(Action::Finish(step))
+            {
+                part = Part { until: next.after, what: What::Step(step), ..part };
+                number += 1;
+            }
+            self.parts[joined] = part;
+            joined += 1;
+        }
+        self.len = joined as u8;
+    }
+
+    /// Becomes equal to another plan; parts that do not exist are not copied.
+    #[inline]
+    pub fn copy(&mut self, other: &Self) {
+        let len = MAX_PARTS.min(other.len.into());
+        self.parts[..len].copy_from_slice(&other.parts[..len]);
+        self.len = other.len;
+    }
+
+    /// One of the parts.
+    #[inline]
+    pub fn part(&self, number: usize) -> Option<Part> {
+        (number < MAX_PARTS.min(self.len.into())).then(|| self.parts[number])
     }
 }
+
+/// Most parts of a plan: the beginning and the end of each step, and an acknowledge.
+const MAX_PARTS: usize = 2 * MAX_STEPS + 1;
 
 /// The planned actions of a CPU.
 #[derive(Clone, Debug)]
@@ -199,17 +235,16 @@ impl Cpu {
     /// hardware happen at their own instant. `pulse` is a SYNC pulse that must also be
     /// acknowledged; it causes the same interrupt, so it is as late as the steps.
     pub fn start(&mut self, at: Time<Device>, steps: &Steps, pulse: Option<Event>) {
-        let times = self.times(steps, pulse);
-        self.put(at, &times, 0);
+        let plan = self.plan(steps, pulse);
+        self.put(at, &plan, 0, false);
     }
 
-    /// When the steps of an event begin and end, as [`start`](Self::start) would start them. Call
-    /// this only once for each event, since variations are drawn, unless the CPU is
-    /// [even](Self::is_even).
-    pub fn times(&mut self, steps: &Steps, pulse: Option<Event>) -> Times {
-        let mut times = Times::NONE;
+    /// What an event starts, as [`start`](Self::start) would start it. Call this only once for each
+    /// event, since variations are drawn, unless the CPU is [even](Self::is_even).
+    pub fn plan(&mut self, steps: &Steps, pulse: Option<Event>) -> Plan {
+        let mut plan = Plan::NONE;
         if steps.is_empty() && pulse.is_none() {
-            return times;
+            return plan;
         }
         let of = |(step, _): &(Step, Nanos)| *step == Step::MapOutputs;
         let synchronized = !steps.as_slice().iter().any(of);
@@ -217,7 +252,9 @@ impl Cpu {
         let is_late = (synchronized || pulse.is_some()) && !self.even;
         let late = if is_late { self.jitter.up_to(self.model.jitter.0.max(0) as u64) } else { 0 };
         let late = Nanos(late as i64);
-        times.acknowledge = pulse.map(|pulse| (late + self.model.acknowledge, pulse));
+        if let Some(pulse) = pulse {
+            plan.insert(late + self.model.acknowledge, Action::Acknowledge(pulse));
+        }
         let at = if synchronized { late } else { Nanos::ZERO };
         let mut free = at;
         let mut latched = at;
@@ -243,12 +280,12 @@ impl Cpu {
             if step == Step::LatchInputs {
                 latched = begin;
             }
-            times.in_order &= free <= begin && begin <= end;
-            (times.steps[i], times.spans[i]) = (step, (begin, end));
+            plan.insert(begin, Action::Begin(step));
+            plan.insert(end, Action::Finish(step));
             free = free.max(end);
         }
-        times.len = steps.len() as u8;
-        times
+        plan.join();
+        plan
     }
 
     /// Whether its times never vary.
@@ -256,21 +293,21 @@ impl Cpu {
         self.even
     }
 
-    /// Puts the steps of an event at `at`, from number `from` on, onto the agenda; the acknowledge
-    /// comes before the first one.
-    pub fn put(&mut self, at: Time<Device>, times: &Times, from: usize) {
-        if let (0, Some((after, pulse))) = (from, times.acknowledge) {
-            self.insert(at + after, Action::Acknowledge(pulse));
+    /// Puts the plan of an event at `at` onto the agenda, from part number `from` on; `half`: its
+    /// step has already begun.
+    pub fn put(&mut self, at: Time<Device>, plan: &Plan, from: usize, half: bool) {
+        for number in from.. {
+            let Some(Part { after, until, what }) = plan.part(number) else { return };
+            match what {
+                What::Step(step) => {
+                    if !half || number > from {
+                        self.insert(at + after, Action::Begin(step));
+                    }
+                    self.insert(at + until, Action::Finish(step));
+                }
+                What::Action(action) => self.insert(at + after, action),
+            }
         }
-        for (step, begin, end) in (from..).map_while(|number| times.step(number)) {
-            self.insert(at + begin, Action::Begin(step));
-            self.insert(at + end, Action::Finish(step));
-        }
-    }
-
-    /// Puts the end of a step that has begun onto the agenda.
-    pub fn put_end(&mut self, step: Step, end: Time<Device>) {
-        self.insert(end, Action::Finish(step));
     }
 
     /// Whether nothing is on the agenda.

@@ -1,5 +1,6 @@
 //! A SubDevice: ESC, stack, application and CPU on one oscillator.
 
+mod present;
 mod regular;
 
 use std::sync::Arc;
@@ -12,9 +13,10 @@ use isocat_wire::register::al_event;
 use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
 use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
 
-use crate::cpu::{Action, Cpu, CpuModel, Times};
+use crate::cpu::{Action, Cpu, CpuModel, Plan};
 use crate::observation::{Content, Observation, Observed};
 use crate::watcher::Watcher;
+use present::Present;
 use crate::oscillator::{Bend, ClockModel, Oscillator};
 use crate::plant::{Acted, Plant, PlantSetup};
 use crate::random::Stream;
@@ -70,13 +72,12 @@ pub struct Device {
     powered: bool,
     /// See [`Self::set_lane`].
     lane: bool,
-    /// The steps of each event, with their times if these never vary.
-    prepared: Prepared<Times>,
+    /// The steps of each event, with their plan if it never varies.
+    prepared: Prepared<Plan>,
     /// The AL events of the first SyncManagers of outputs and inputs.
     sm_events: [u32; 2],
-    /// The steps that the present event starts, and its time.
-    ready: Times,
-    ready_at: Time<DeviceClock>,
+    /// What the last event has started, as long as nothing is on the CPU's agenda.
+    present: Present,
 }
 
 impl Device {
@@ -124,8 +125,7 @@ impl Device {
             lane: true,
             prepared: Prepared::new(),
             sm_events,
-            ready: Times::NONE,
-            ready_at: Time::ZERO,
+            present: Present::NONE,
         }
     }
 
@@ -178,6 +178,7 @@ impl Device {
         self.esc.power_on(at, Time::ZERO);
         self.stack.power_off();
         self.cpu.power_off();
+        self.present.clear();
         self.missed = 0;
         self.without_edge = [0; 2];
         self.look(at, watch);
@@ -213,6 +214,7 @@ impl Device {
         }
         if self.powered {
             // What it did not look at may wait for it.
+            self.put_present();
             self.cpu.wake(at);
         }
         self.disturbed();
@@ -300,7 +302,8 @@ impl Device {
     /// Whether nothing will happen by itself, even without any further frame.
     pub fn is_quiet(&self) -> bool {
         let timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
-        self.cpu.next().min(self.esc.next_event()).min(timeout) == Time::NEVER
+        let cpu = self.cpu.next().min(self.present.due());
+        cpu.min(self.esc.next_event()).min(timeout) == Time::NEVER
     }
 
     /// Called after its ESC has processed a frame whose first bit left the MainDevice at `frame`:
@@ -326,10 +329,9 @@ impl Device {
         if self.regular(limit, watch) {
             return;
         }
+        // Whatever comes now, it stands behind what was started before.
+        self.put_present();
         loop {
-            if !self.ready.is_empty() {
-                self.do_ready(limit, watch);
-            }
             let (cpu, esc) = (self.cpu.next(), self.esc.quiet_until());
             let at = cpu.min(esc).min(self.timeout);
             if at > limit {
@@ -397,101 +399,13 @@ impl Device {
         self.report(at, Observed::Finished(step), content, watch);
     }
 
-    /// Does the steps of the last event one after another, up to the next other event. Remaining
-    /// steps, or all of them if they overlap others, go onto the agenda.
-    fn do_ready(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) {
-        if !self.lane || !self.cpu.is_idle() || !self.ready.are_in_order() {
-            return self.put_ready(0);
+    /// Puts what the last event has started onto the agenda.
+    fn put_present(&mut self) {
+        if !self.present.is_over() {
+            let (plan, from, half) = self.present.rest();
+            self.cpu.put(self.present.at, plan, from, half);
+            self.present.clear();
         }
-        // What the CPU does at an instant, it does before all that the ESC does then.
-        let mut free_until = limit.min(self.esc.quiet_until()).min(self.timeout);
-        let mut number = 0;
-        // The PDI watchdog sees the CPU at work; the last time counts.
-        let mut worked = None;
-        while let Some((step, begin, end)) = self.ready.step(number) {
-            let (begin, end) = (self.ready_at + begin, self.ready_at + end);
-            if begin > free_until {
-                self.put_ready(number);
-                break;
-            }
-            number += 1;
-            if end > free_until {
-                self.tell_time(begin);
-                self.begin(begin, step, watch);
-                worked = None;
-                self.cpu.put_end(step, end);
-                self.put_ready(number);
-                break;
-            }
-            worked = Some(end);
-            match step {
-                Step::Application => self.apart(Step::Application, (begin, end), watch),
-                Step::OutputsValid => self.apart(Step::OutputsValid, (begin, end), watch),
-                Step::LatchInputs => self.apart(Step::LatchInputs, (begin, end), watch),
-                Step::MapOutputs | Step::MapInputs => {
-                    worked = None;
-                    let is_over = match step {
-                        Step::MapOutputs => self.map(Step::MapOutputs, (begin, end), limit, watch),
-                        _ => self.map(Step::MapInputs, (begin, end), limit, watch),
-                    };
-                    if !is_over {
-                        self.put_ready(number);
-                        break;
-                    }
-                    free_until = limit.min(self.esc.quiet_until()).min(self.timeout);
-                }
-            }
-        }
-        self.ready.clear();
-        if let Some(at) = worked {
-            self.esc.note_pdi(at);
-        }
-    }
-
-    /// Does a step that accesses the ESC. `false`: something else comes before its end, which is now
-    /// on the agenda.
-    #[inline(always)]
-    fn map(
-        &mut self,
-        step: Step,
-        (begin, end): (Time<DeviceClock>, Time<DeviceClock>),
-        limit: Time<DeviceClock>,
-        watch: &mut Watcher,
-    ) -> bool {
-        self.tell_time(begin);
-        self.begin(begin, step, watch);
-        // A buffer that changes hands may restart a watchdog, and may move what the stack waits
-        // for.
-        if end > limit.min(self.esc.quiet_until()).min(self.timeout) {
-            self.cpu.put_end(step, end);
-            return false;
-        }
-        self.tell_time(end);
-        self.finish(end, step, watch);
-        true
-    }
-
-    /// Does a step that does not access the ESC and during which nothing else happens.
-    #[inline(always)]
-    fn apart(
-        &mut self,
-        step: Step,
-        (begin, end): (Time<DeviceClock>, Time<DeviceClock>),
-        watch: &mut Watcher,
-    ) {
-        self.tell_time(begin);
-        self.stack.begin(begin, step, &mut Nowhere);
-        let content = Content { frame: self.began(begin, step), ..Content::default() };
-        self.report(begin, Observed::Began(step), content, watch);
-        self.tell_time(end);
-        self.stack.finish(end, step, &mut Nowhere);
-        self.report(end, Observed::Finished(step), Content::default(), watch);
-    }
-
-    /// Puts the steps of the last event onto the agenda, from number `from` on.
-    fn put_ready(&mut self, from: usize) {
-        self.cpu.put(self.ready_at, &self.ready, from);
-        self.ready.clear();
     }
 
     /// Handles the start of a step; returns the frame that brought its outputs.
@@ -573,8 +487,6 @@ impl Device {
                     self.event(at, Event::Sm3, (Observed::Sm3, content), watch);
                 }
                 if al_events & !(outputs | inputs | further) != 0 {
-                    // At one instant, what was started first is done first.
-                    self.put_ready(0);
                     self.cpu.wake(at);
                 }
             }
@@ -608,16 +520,12 @@ impl Device {
         let pdi = &mut self.esc.pdi(at);
         let started = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
         let pulse = self.stack.take_unacknowledged().then_some(event);
-        if !started.steps.is_empty() || pulse.is_some() {
-            // What an event at the same instant has started stands in front.
-            self.cpu.put(self.ready_at, &self.ready, 0);
-            self.ready_at = at;
-            self.ready = match started.made {
-                Some(kept) if pulse.is_none() && self.cpu.is_even() => {
-                    *kept.get_or_insert_with(|| self.cpu.times(started.steps, None))
-                }
-                _ => self.cpu.times(started.steps, pulse),
-            };
+        match started.made {
+            Some(kept) if pulse.is_none() && self.cpu.is_even() => {
+                let plan = kept.get_or_insert_with(|| self.cpu.plan(started.steps, None));
+                self.cpu.put(at, plan, 0, false);
+            }
+            _ => self.cpu.start(at, started.steps, pulse),
         }
         if samples {
             self.tell_samples(at, watch);

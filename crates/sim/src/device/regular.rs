@@ -10,6 +10,7 @@ use isocat_subdevice::{Event, Step};
 use isocat_wire::time::{Device as DeviceClock, Time};
 
 use super::Device;
+use crate::cpu::{Action, What};
 use crate::observation::{Content, Observed};
 use crate::watcher::Watcher;
 
@@ -28,7 +29,6 @@ impl Device {
     #[inline]
     pub(super) fn regular(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) -> bool {
         let may = self.lane
-            && self.ready.is_empty()
             && self.cpu.is_idle()
             && self.esc.rest_until().min(self.timeout) > limit
             && self.is_bare()
@@ -44,7 +44,7 @@ impl Device {
         if end == End::Irregular {
             return false;
         }
-        self.quiet_until = self.esc.quiet_until().min(self.timeout);
+        self.quiet_until = self.esc.quiet_until().min(self.timeout).min(self.present.due());
         true
     }
 
@@ -58,9 +58,14 @@ impl Device {
     ) -> End {
         loop {
             let Some((frame, sync)) = self.esc.cyclic_dues() else { return End::Irregular };
-            let at = frame.min(sync);
-            if self.esc.rest_until().min(self.timeout) <= limit {
+            if self.esc.rest_until().min(self.timeout) <= limit || !self.cpu.is_idle() {
                 return End::Irregular;
+            }
+            let at = frame.min(sync);
+            // What the CPU does at an instant, it does before all that the ESC does then.
+            if self.present.due() <= at.min(limit) {
+                self.go_on(at.min(limit), worked, watch);
+                continue;
             }
             if at > limit {
                 return End::Done;
@@ -105,9 +110,6 @@ impl Device {
                 }
                 *worked = Some(at);
             }
-            if !self.ready.is_empty() && !self.steps(limit, worked, watch) {
-                return End::Irregular;
-            }
         }
     }
 
@@ -125,7 +127,7 @@ impl Device {
         self.look(at, watch);
     }
 
-    /// Takes the steps that an event starts.
+    /// Takes what an event starts.
     #[inline(always)]
     fn start(&mut self, at: Time<DeviceClock>, event: Event) {
         let pdi = &mut self.esc.pdi_in_lane(at);
@@ -133,58 +135,91 @@ impl Device {
         if started.steps.is_empty() {
             return;
         }
-        if !self.ready.is_empty() {
-            // What an event at the same instant has started stands in front.
-            self.cpu.put(self.ready_at, &self.ready, 0);
-        }
-        self.ready_at = at;
-        self.ready = match started.made {
+        let once;
+        let plan = match started.made {
             Some(kept) if self.cpu.is_even() => {
-                *kept.get_or_insert_with(|| self.cpu.times(started.steps, None))
+                kept.get_or_insert_with(|| self.cpu.plan(started.steps, None))
             }
-            _ => self.cpu.times(started.steps, None),
+            _ => {
+                once = self.cpu.plan(started.steps, None);
+                &once
+            }
         };
+        if self.present.is_over() {
+            self.present.take(at, plan);
+            return;
+        }
+        // Two events overlap.
+        let (before, from, half) = self.present.rest();
+        self.cpu.put(self.present.at, before, from, half);
+        self.present.clear();
+        self.cpu.put(at, plan, 0, false);
     }
 
-    /// Does the steps of the last event. `false`: something comes between them, and the rest of
-    /// them is on the agenda.
+    /// Does what is due up to `limit` of what the last event has started.
     #[inline(always)]
-    fn steps(
+    fn go_on(
         &mut self,
         limit: Time<DeviceClock>,
         worked: &mut Option<Time<DeviceClock>>,
         watch: &mut Watcher,
-    ) -> bool {
-        if !self.cpu.is_idle() || !self.ready.are_in_order() {
-            self.put_ready(0);
-            return false;
-        }
-        // What the CPU does at an instant, it does before all that the ESC does then.
-        let mut free_until = limit.min(self.esc.quiet_until());
-        let mut number = 0;
-        while let Some((step, begin, end)) = self.ready.step(number) {
-            let (begin, end) = (self.ready_at + begin, self.ready_at + end);
-            if end > free_until {
-                // `live` sees whether it begins before that.
-                self.put_ready(number);
-                return false;
+    ) {
+        while let Some((part, half)) = self.present.part() {
+            let (begin, end) = (self.present.at + part.after, self.present.at + part.until);
+            if self.present.due() > limit {
+                return;
             }
-            number += 1;
+            let mut whole = true;
             *worked = Some(end);
-            match step {
-                Step::Application => self.step_apart(Step::Application, (begin, end), watch),
-                Step::OutputsValid => self.step_apart(Step::OutputsValid, (begin, end), watch),
-                Step::LatchInputs => self.step_apart(Step::LatchInputs, (begin, end), watch),
-                Step::MapOutputs => self.step_at_esc(Step::MapOutputs, (begin, end), watch),
-                Step::MapInputs => {
+            match part.what {
+                What::Step(step) if half => self.finish_in_lane(end, step, watch),
+                What::Step(step) if end > limit => {
+                    *worked = Some(begin);
+                    self.begin_in_lane(begin, step, watch);
+                    self.present.begun(end);
+                    whole = false;
+                }
+                What::Step(Step::Application) => {
+                    self.step_apart(Step::Application, (begin, end), watch);
+                }
+                What::Step(Step::OutputsValid) => {
+                    self.step_apart(Step::OutputsValid, (begin, end), watch);
+                }
+                What::Step(Step::LatchInputs) => {
+                    self.step_apart(Step::LatchInputs, (begin, end), watch);
+                }
+                What::Step(Step::MapOutputs) => {
+                    self.step_at_esc(Step::MapOutputs, (begin, end), watch);
+                }
+                What::Step(Step::MapInputs) => {
                     self.step_at_esc(Step::MapInputs, (begin, end), watch);
-                    // The buffer that changes hands may have started a watchdog.
-                    free_until = free_until.min(self.esc.rest_until());
+                }
+                What::Action(Action::Begin(step)) => self.begin_in_lane(begin, step, watch),
+                What::Action(Action::Finish(step)) => self.finish_in_lane(begin, step, watch),
+                What::Action(Action::Acknowledge(_) | Action::Poll) => {
+                    unreachable!("in regular operation a plan has steps only")
                 }
             }
+            if whole {
+                self.present.done();
+            }
+            // A buffer that changed hands may have started a watchdog.
+            if self.esc.rest_until() <= limit {
+                return;
+            }
         }
-        self.ready.clear();
-        true
+    }
+
+    fn begin_in_lane(&mut self, at: Time<DeviceClock>, step: Step, watch: &mut Watcher) {
+        self.stack.begin(at, step, &mut self.esc.pdi_in_lane(at));
+        let content = Content { frame: self.began(at, step), ..Content::default() };
+        self.report(at, Observed::Began(step), content, watch);
+    }
+
+    fn finish_in_lane(&mut self, at: Time<DeviceClock>, step: Step, watch: &mut Watcher) {
+        self.stack.finish(at, step, &mut self.esc.pdi_in_lane(at));
+        let frame = if step == Step::MapOutputs { self.outputs_mapped() } else { Time::ZERO };
+        self.report(at, Observed::Finished(step), Content { frame, ..Content::default() }, watch);
     }
 
     /// A step that does not access the ESC.

@@ -54,23 +54,22 @@ impl Present {
         self.note_due();
     }
 
-    /// The next part, and whether its step has begun; `None` if nothing is left.
+    /// The number of the next part, and whether its step has begun.
     #[inline]
-    pub fn part(&self) -> Option<(Part, bool)> {
-        self.plan.part(self.next).map(|part| (part, self.half))
+    pub const fn place(&self) -> (usize, bool) {
+        (self.next, self.half)
     }
 
-    /// The step of the next part has begun; it ends at `until`.
-    pub fn begun(&mut self, until: Time<Device>) {
-        (self.half, self.due) = (true, until);
+    /// One of the parts.
+    #[inline]
+    pub fn part(&self, number: usize) -> Option<Part> {
+        self.plan.part(number)
     }
 
-    /// The next part is done.
+    /// The next part is this one, and the next action is due then. `half`: its step has begun.
     #[inline]
-    pub fn done(&mut self) {
-        self.next += 1;
-        self.half = false;
-        self.note_due();
+    pub fn go_on(&mut self, number: usize, half: bool, due: Time<Device>) {
+        (self.next, self.half, self.due) = (number, half, due);
     }
 
     #[inline]

@@ -164,20 +164,24 @@ impl Device {
         worked: &mut Option<Time<DeviceClock>>,
         watch: &mut Watcher,
     ) {
-        while let Some((part, half)) = self.present.part() {
-            let (begin, end) = (self.present.at + part.after, self.present.at + part.until);
-            if self.present.due() > limit {
-                return;
+        let at = self.present.at;
+        let (mut number, mut half) = self.present.place();
+        let mut due = Time::NEVER;
+        while let Some(part) = self.present.part(number) {
+            let (begin, end) = (at + part.after, at + part.until);
+            due = if half { end } else { begin };
+            // A buffer that changed hands may have started a watchdog.
+            if due > limit || self.esc.rest_until() <= limit {
+                break;
             }
-            let mut whole = true;
             *worked = Some(end);
             match part.what {
                 What::Step(step) if half => self.finish_in_lane(end, step, watch),
                 What::Step(step) if end > limit => {
                     *worked = Some(begin);
                     self.begin_in_lane(begin, step, watch);
-                    self.present.begun(end);
-                    whole = false;
+                    (half, due) = (true, end);
+                    break;
                 }
                 What::Step(Step::Application) => {
                     self.step_apart(Step::Application, (begin, end), watch);
@@ -200,14 +204,9 @@ impl Device {
                     unreachable!("in regular operation a plan has steps only")
                 }
             }
-            if whole {
-                self.present.done();
-            }
-            // A buffer that changed hands may have started a watchdog.
-            if self.esc.rest_until() <= limit {
-                return;
-            }
+            (number, half, due) = (number + 1, false, Time::NEVER);
         }
+        self.present.go_on(number, half, due);
     }
 
     fn begin_in_lane(&mut self, at: Time<DeviceClock>, step: Step, watch: &mut Watcher) {

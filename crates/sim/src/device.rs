@@ -78,6 +78,9 @@ pub struct Device {
     sm_events: [u32; 2],
     /// What the last event has started, as long as nothing is on the CPU's agenda.
     present: Present,
+    /// The device was found regular ([`SubDevice::is_regular`]), and nothing but regular events
+    /// has happened since.
+    regular: bool,
 }
 
 impl Device {
@@ -126,6 +129,7 @@ impl Device {
             prepared: Prepared::new(),
             sm_events,
             present: Present::NONE,
+            regular: false,
         }
     }
 
@@ -134,16 +138,19 @@ impl Device {
     /// simulation depends on it.
     pub(crate) fn set_lane(&mut self, on: bool) {
         self.lane = on;
+        self.regular = false;
         self.esc.set_lane(on);
     }
 
     /// Attaches a plant to it.
     pub(crate) fn attach(&mut self, setup: PlantSetup) {
+        self.regular = false;
         self.application().plant = Some(Plant::new(setup));
     }
 
     /// Moves its plant to the SubDevice that replaces it.
     pub(crate) fn hand_over_plant(&mut self, to: &mut Self) {
+        (self.regular, to.regular) = (false, false);
         to.application().plant = self.application().plant.take();
     }
 
@@ -179,6 +186,7 @@ impl Device {
         self.stack.power_off();
         self.cpu.power_off();
         self.present.clear();
+        self.regular = false;
         self.missed = 0;
         self.without_edge = [0; 2];
         self.look(at, watch);
@@ -318,6 +326,7 @@ impl Device {
     /// Called after ESC or stack may have been changed from outside: all due times are computed
     /// again.
     pub fn disturbed(&mut self) {
+        self.regular = false;
         if !self.powered {
             return;
         }
@@ -329,6 +338,7 @@ impl Device {
         if self.regular(limit, watch) {
             return;
         }
+        self.regular = false;
         // Whatever comes now, it stands behind what was started before.
         self.put_present();
         loop {
@@ -565,6 +575,18 @@ impl Device {
             true => self.stack.sync_deadline(),
             false => self.stack.next_timeout(),
         };
+        debug_assert_eq!(timeout, self.stack.next_timeout());
+        self.timeout = timeout.unwrap_or(Time::NEVER);
+    }
+
+    /// The same after a pulse in regular operation.
+    #[inline]
+    fn look_in_lane(&mut self, at: Time<DeviceClock>, watch: &mut Watcher) {
+        let timeout = self.stack.sync_deadline();
+        let missed = self.stack.sync().missed_events_total();
+        if self.stack.state() != isocat_wire::AlState::Op || missed != self.missed {
+            return self.look(at, watch);
+        }
         debug_assert_eq!(timeout, self.stack.next_timeout());
         self.timeout = timeout.unwrap_or(Time::NEVER);
     }

@@ -281,6 +281,7 @@ impl Segment {
     pub fn device_mut(&mut self, index: usize) -> &mut Device {
         // The device may be changed in any way, so the next frame rebuilds the audiences.
         self.forget_audiences();
+        self.devices[index].disturbed();
         &mut self.devices[index]
     }
 

@@ -7,6 +7,7 @@
 
 use isocat_esc::EscEvent;
 use isocat_subdevice::{Event, Step};
+use isocat_wire::AlState;
 use isocat_wire::time::{Device as DeviceClock, Time};
 
 use super::Device;
@@ -28,12 +29,10 @@ impl Device {
     /// [`Device::live`] must go on.
     #[inline]
     pub(super) fn regular(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) -> bool {
-        let may = self.lane
-            && self.cpu.is_idle()
-            && self.esc.rest_until().min(self.timeout) > limit
-            && self.is_bare()
-            && self.stack.is_regular();
-        if !may {
+        if !self.regular {
+            self.regular = self.lane && self.is_bare() && self.stack.is_regular();
+        }
+        if !self.regular || self.esc.rest_until().min(self.timeout) <= limit {
             return false;
         }
         let mut worked = None;
@@ -80,7 +79,7 @@ impl Device {
                     }
                 }
                 *worked = Some(at);
-                if !self.stack.is_regular() {
+                if self.stack.state() != AlState::Op {
                     return End::Irregular;
                 }
             } else {
@@ -124,7 +123,7 @@ impl Device {
     ) {
         self.report(at, observed, Content::default(), watch);
         self.start(at, event);
-        self.look(at, watch);
+        self.look_in_lane(at, watch);
     }
 
     /// Takes what an event starts.

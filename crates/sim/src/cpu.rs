@@ -235,16 +235,17 @@ impl Cpu {
     /// hardware happen at their own instant. `pulse` is a SYNC pulse that must also be
     /// acknowledged; it causes the same interrupt, so it is as late as the steps.
     pub fn start(&mut self, at: Time<Device>, steps: &Steps, pulse: Option<Event>) {
-        let plan = self.plan(steps, pulse);
+        let mut plan = Plan::NONE;
+        self.plan(steps, pulse, &mut plan);
         self.put(at, &plan, 0, false);
     }
 
     /// What an event starts, as [`start`](Self::start) would start it. Call this only once for each
     /// event, since variations are drawn, unless the CPU is [even](Self::is_even).
-    pub fn plan(&mut self, steps: &Steps, pulse: Option<Event>) -> Plan {
-        let mut plan = Plan::NONE;
+    pub fn plan(&mut self, steps: &Steps, pulse: Option<Event>, plan: &mut Plan) {
+        plan.len = 0;
         if steps.is_empty() && pulse.is_none() {
-            return plan;
+            return;
         }
         let of = |(step, _): &(Step, Nanos)| *step == Step::MapOutputs;
         let synchronized = !steps.as_slice().iter().any(of);
@@ -258,6 +259,9 @@ impl Cpu {
         let at = if synchronized { late } else { Nanos::ZERO };
         let mut free = at;
         let mut latched = at;
+        // As a rule each step ends before the next one begins.
+        let mut spans = [(Nanos::ZERO, Nanos::ZERO); MAX_STEPS];
+        let mut in_order = pulse.is_none();
         for (i, &(step, delay)) in steps.as_slice().iter().enumerate() {
             let of_hardware = matches!(step, Step::OutputsValid | Step::LatchInputs);
             let mut due = at + delay;
@@ -280,12 +284,23 @@ impl Cpu {
             if step == Step::LatchInputs {
                 latched = begin;
             }
-            plan.insert(begin, Action::Begin(step));
-            plan.insert(end, Action::Finish(step));
+            in_order &= free <= begin && begin <= end;
+            spans[i] = (begin, end);
             free = free.max(end);
         }
+        let steps = steps.iter().zip(spans).map(|((step, _), (begin, end))| (step, begin, end));
+        if in_order {
+            for (part, (step, after, until)) in plan.parts.iter_mut().zip(steps) {
+                *part = Part { after, until, what: What::Step(step) };
+                plan.len += 1;
+            }
+            return;
+        }
+        for (step, begin, end) in steps {
+            plan.insert(begin, Action::Begin(step));
+            plan.insert(end, Action::Finish(step));
+        }
         plan.join();
-        plan
     }
 
     /// Whether its times never vary.

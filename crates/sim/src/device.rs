@@ -532,7 +532,8 @@ impl Device {
         let pulse = self.stack.take_unacknowledged().then_some(event);
         match started.made {
             Some(kept) if pulse.is_none() && self.cpu.is_even() => {
-                let plan = kept.get_or_insert_with(|| self.cpu.plan(started.steps, None));
+                let plan = kept.get_or_insert(Plan::NONE);
+                self.cpu.plan(started.steps, None, plan);
                 self.cpu.put(at, plan, 0, false);
             }
             _ => self.cpu.start(at, started.steps, pulse),

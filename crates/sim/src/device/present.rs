@@ -54,6 +54,15 @@ impl Present {
         self.note_due();
     }
 
+    /// Takes the plan that `make` writes, of an event at `at`.
+    #[inline]
+    pub fn take_new(&mut self, at: Time<Device>, make: impl FnOnce(&mut Plan)) {
+        self.at = at;
+        make(&mut self.plan);
+        (self.next, self.half) = (0, false);
+        self.note_due();
+    }
+
     /// The number of the next part, and whether its step has begun.
     #[inline]
     pub const fn place(&self) -> (usize, bool) {

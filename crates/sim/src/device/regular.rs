@@ -11,7 +11,7 @@ use isocat_wire::AlState;
 use isocat_wire::time::{Device as DeviceClock, Time};
 
 use super::Device;
-use crate::cpu::{Action, What};
+use crate::cpu::{Action, Plan, What};
 use crate::observation::{Content, Observed};
 use crate::watcher::Watcher;
 
@@ -134,25 +134,27 @@ impl Device {
         if started.steps.is_empty() {
             return;
         }
-        let once;
-        let plan = match started.made {
-            Some(kept) if self.cpu.is_even() => {
-                kept.get_or_insert_with(|| self.cpu.plan(started.steps, None))
+        let is_free = self.present.is_over();
+        match started.made {
+            Some(kept) if is_free && self.cpu.is_even() => {
+                let plan = kept.get_or_insert_with(|| {
+                    let mut plan = Plan::NONE;
+                    self.cpu.plan(started.steps, None, &mut plan);
+                    plan
+                });
+                self.present.take(at, plan);
+            }
+            _ if is_free => {
+                self.present.take_new(at, |plan| self.cpu.plan(started.steps, None, plan));
             }
             _ => {
-                once = self.cpu.plan(started.steps, None);
-                &once
+                // Two events overlap.
+                let (before, from, half) = self.present.rest();
+                self.cpu.put(self.present.at, before, from, half);
+                self.present.clear();
+                self.cpu.start(at, started.steps, None);
             }
-        };
-        if self.present.is_over() {
-            self.present.take(at, plan);
-            return;
         }
-        // Two events overlap.
-        let (before, from, half) = self.present.rest();
-        self.cpu.put(self.present.at, before, from, half);
-        self.present.clear();
-        self.cpu.put(at, plan, 0, false);
     }
 
     /// Does what is due up to `limit` of what the last event has started.

@@ -36,6 +36,7 @@ impl Watchdog {
     }
 
     /// Handles the watched event.
+    #[inline]
     pub fn restart(&mut self, now: Time<Device>) {
         if let Some(span) = self.span {
             self.state = State::Running(now);
@@ -67,6 +68,7 @@ impl Watchdog {
     }
 
     /// When it expires.
+    #[inline]
     pub const fn due(&self) -> Time<Device> {
         self.due
     }

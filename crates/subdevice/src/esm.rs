@@ -64,6 +64,7 @@ impl Esm {
     }
 
     /// Whether process data are exchanged.
+    #[inline]
     pub fn is_cyclic(&self) -> bool {
         matches!(self.state, AlState::SafeOp | AlState::Op)
     }

@@ -59,6 +59,7 @@ impl Measurement {
     }
 
     /// Takes the event that begins a cycle without DC.
+    #[inline]
     pub fn cycle_begins(&mut self, now: Time<Device>) {
         self.trigger = now;
         if let Some(last) = self.last_cycle.replace(now).filter(|_| self.on) {
@@ -77,6 +78,7 @@ impl Measurement {
     }
 
     /// Takes a SYNC1 pulse.
+    #[inline]
     pub fn sync1(&mut self, now: Time<Device>) {
         self.trigger = now;
     }

@@ -61,6 +61,7 @@ impl MissedCounter {
     }
 
     /// Called when the inputs of a device without outputs were read: the count starts again.
+    #[inline]
     pub fn restart(&mut self) {
         self.count = 0;
     }
@@ -71,6 +72,7 @@ impl MissedCounter {
     }
 
     /// Value of sub-index 0B.
+    #[inline]
     pub const fn count(&self) -> u16 {
         // One of them is 0, since a device uses one rule.
         self.count.saturating_add(self.balance.unsigned_abs())

@@ -425,6 +425,7 @@ impl SyncEngine {
     }
 
     /// Whether a step was started by an event and has not ended.
+    #[inline]
     pub(crate) fn is_running(&self, step: Step) -> bool {
         self.running & bit(step) != 0
     }
@@ -435,6 +436,7 @@ impl SyncEngine {
     }
 
     /// Whether the order of SM2 and SYNC was wrong too often.
+    #[inline]
     pub(crate) fn sequence_lost(&self) -> bool {
         self.mode().uses_dc() && self.missed.exceeded(self.settings.rule, self.settings.limit)
     }
@@ -446,6 +448,7 @@ impl SyncEngine {
 
     /// When the next pulse of each SYNC signal must have come; `None` before the first pulse and
     /// without supervision.
+    #[inline]
     pub(crate) fn sync_deadline(&self) -> Option<Time<Device>> {
         self.deadline
     }
@@ -463,11 +466,13 @@ impl SyncEngine {
     }
 
     /// When the local timer is due; only with Free Run in SAFEOP and OP.
+    #[inline]
     pub(crate) fn timer(&self) -> Option<Time<Device>> {
         self.timer
     }
 
     /// Whether each SYNC pulse must be acknowledged by reading its status.
+    #[inline]
     pub(crate) fn acknowledges_sync(&self) -> bool {
         self.setup.acknowledge_sync
     }
@@ -478,17 +483,20 @@ impl SyncEngine {
     }
 
     /// The present mode, or the last one.
+    #[inline]
     pub fn mode(&self) -> SyncMode {
         self.setup.chain.mode
     }
 
     /// The steps of each event, present or last.
+    #[inline]
     pub fn chain(&self) -> Chain {
         self.setup.chain
     }
 
     /// Time from one run of the application to the next, ns: [`Self::cycle`], or if the application
     /// runs once in several SYNC0 cycles, the cycle of SYNC1.
+    #[inline]
     pub(crate) fn application_cycle(&self) -> Nanos {
         let setup = &self.setup;
         if setup.chain.mode == SyncMode::DcSubordinated && setup.chain.application_on_sync1 {
@@ -504,16 +512,19 @@ impl SyncEngine {
     }
 
     /// Whether outputs are transmitted.
+    #[inline]
     pub fn has_outputs(&self) -> bool {
         self.setup.chain.has_outputs
     }
 
     /// Whether inputs are transmitted.
+    #[inline]
     pub fn has_inputs(&self) -> bool {
         self.setup.has_inputs
     }
 
     /// 0x1C32:0B, the leaky counter of missed SM events. The same in 0x1C33.
+    #[inline]
     pub fn sm_event_missed(&self) -> u16 {
         self.missed.count()
     }
@@ -543,6 +554,7 @@ impl SyncEngine {
     }
 
     /// Number of SYNC0 pulses in OP without their event, since power-on; it is never reset.
+    #[inline]
     pub fn missed_events_total(&self) -> u64 {
         self.missed_total
     }

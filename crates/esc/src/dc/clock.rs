@@ -31,6 +31,7 @@ impl Clock {
     }
 
     /// Local time in ns, 64 bits. Before the last change of speed the nominal speed is assumed.
+    #[inline]
     pub fn local(&self, at: Time<Device>) -> u64 {
         let tick = tick(at);
         match tick.checked_sub(self.base) {
@@ -91,6 +92,7 @@ impl Clock {
 
     /// Sets another speed from `now` on, and moves the local time by `step` ns. The dividers keep
     /// their phase: a new period counts from their next pulse on.
+    #[inline]
     pub fn adjust(&mut self, now: Time<Device>, start: u16, difference: i16, step: i64) {
         *self = self.rebased(tick(now));
         self.local = self.local.wrapping_add_signed(step);
@@ -114,6 +116,7 @@ impl Clock {
     }
 
     /// Nanoseconds that the local time gains in the first `ticks` since the base.
+    #[inline]
     fn advance(&self, ticks: u64) -> u64 {
         (ticks.wrapping_mul(TICK))
             .wrapping_add(self.gain.pulses(ticks))
@@ -141,6 +144,7 @@ impl Divider {
     }
 
     /// Pulses in the first `ticks` since the base.
+    #[inline]
     fn pulses(&self, ticks: u64) -> u64 {
         match ticks.checked_sub(u64::from(self.left)) {
             Some(rest) => 1 + divide(rest, self.period).0,

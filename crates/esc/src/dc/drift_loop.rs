@@ -99,6 +99,7 @@ impl DriftLoop {
     }
 
     /// Register 0x092C.
+    #[inline]
     pub fn difference(&self, polarity: DifferencePolarity) -> SystemTimeDifference {
         self.shown.map_or(SystemTimeDifference::default(), |shown| {
             SystemTimeDifference::from_nanos(Nanos(round(shown)), polarity)
@@ -106,11 +107,13 @@ impl DriftLoop {
     }
 
     /// Register 0x0932.
+    #[inline]
     pub fn mean(&self) -> i16 {
         self.steering.shown()
     }
 
     /// The speed counter difference in force.
+    #[inline]
     pub const fn applied(&self) -> i16 {
         self.steering.applied()
     }

@@ -94,6 +94,7 @@ impl Train {
 
     /// Begins a pulse and returns whether that is an edge. With length 0 the signal stays active
     /// until it is acknowledged.
+    #[inline]
     fn raise(&mut self, now: Time<Device>, length: u16) -> bool {
         let edge = now >= self.until;
         self.until = match length {
@@ -220,6 +221,7 @@ impl SyncUnit {
     }
 
     /// Finds the earliest due time.
+    #[inline]
     fn note_due(&mut self) {
         self.due = self.sync0.due.min(self.sync1.due).min(self.debug_at);
     }
@@ -227,6 +229,7 @@ impl SyncUnit {
     /// Places the due time behind a SYNC0 pulse at `now`, when the system time is `system`, only
     /// roughly: the exact search waits until the next pulse is near. As a rule a drift frame comes
     /// first and moves the pulse. `false`: the due time must be placed exactly now.
+    #[inline]
     pub fn schedule_roughly(&mut self, now: Time<Device>, system: u64) -> bool {
         let Some(next) = self.sync0.next.filter(|_| self.active && self.sync1.next.is_none())
         else {
@@ -245,11 +248,13 @@ impl SyncUnit {
     }
 
     /// The system time at the due time, if it is known and the due time is that of SYNC0.
+    #[inline]
     pub fn reached(&self) -> Option<u64> {
         self.sync0.reached.filter(|_| self.sync0.due == self.due)
     }
 
     /// Whether the due time is rough, so that [`Self::schedule`] must place the next pulse exactly.
+    #[inline]
     pub const fn is_rough(&self) -> bool {
         self.rough
     }
@@ -330,6 +335,7 @@ impl SyncUnit {
     /// Number of SYNC0 and SYNC1 pulses since power-on or reset that made no edge, because the
     /// signal was still active from the pulse before: it was not acknowledged yet, or is longer
     /// than the cycle. The counters wrap.
+    #[inline]
     pub const fn without_edge(&self) -> [u32; 2] {
         self.without_edge
     }

@@ -182,24 +182,28 @@ impl SyncManagers {
     }
 
     /// Whether a buffer waits for the end of the frame.
+    #[inline]
     pub const fn is_closing(&self) -> bool {
         self.closing != 0
     }
 
     /// Handles the arrival of a frame: from now on the units that it accesses are remembered, unless
     /// the frame is known to be `good`.
+    #[inline]
     pub const fn begin_frame(&mut self, good: bool) {
         self.touched = if good { u16::MAX } else { 0 };
     }
 
     /// The label of the bytes that were last read, or are being read, from a SyncManager's buffer;
     /// 0 without a label.
+    #[inline]
     pub fn label(&self, number: usize) -> u64 {
         self.labels[number & 15][self.units[number & 15].buffer(Direction::Read)]
     }
 
     /// Handles the end of a good frame: buffers that ECAT closed change hands, and those that it
     /// wrote get its `label`.
+    #[inline]
     pub fn end_good_frame(&mut self, label: u64) -> Exchanged {
         let closed = core::mem::take(&mut self.closing);
         let mut exchanged = Exchanged { units: closed, ..Exchanged::default() };
@@ -337,6 +341,7 @@ impl SyncManagers {
     }
 
     /// ECAT opens, accesses and closes one area as a whole. Returns its place in memory if allowed.
+    #[inline]
     pub fn ecat_whole(
         &mut self,
         direction: Direction,

@@ -72,7 +72,7 @@ pub(crate) async fn latch_among(
 ) -> Result<Times, AccessError> {
     let timed = stations.iter().filter(|(_, dc)| dc.has_receive_times()).count();
     // A repetition after a loss might mix the times of two frames, so a new latch is made instead.
-    let travel = Travel { alone: false, once: true, quiet: *quiet };
+    let travel = Travel { once: true, quiet: *quiet, ..Travel::default() };
     let address = Address::Broadcast(register::RECEIVE_TIME_0.address);
     let write = link.exchange(Command::Bwr, address, vec![0; 4], travel);
     let (expected, found) = (timed as u16, write.reply().await?.wkc);

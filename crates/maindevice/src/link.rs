@@ -94,6 +94,8 @@ pub(crate) struct Travel {
     /// Whether it leaves only when every other frame is back, including those of the cycle. If that
     /// does not happen within 100 ms, it is lost.
     pub quiet: bool,
+    /// Whether it is in one frame with the datagram that is queued next: both arrive, or neither.
+    pub with_next: bool,
 }
 
 impl Link {

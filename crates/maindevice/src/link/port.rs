@@ -68,6 +68,7 @@ struct Slot {
     losses: u8,
     alone: bool,
     quiet: bool,
+    with_next: bool,
     /// No procedure waits for it any more.
     abandoned: bool,
 }
@@ -135,6 +136,7 @@ impl Port {
             losses: 0,
             alone: travel.alone,
             quiet: travel.quiet,
+            with_next: travel.with_next,
             abandoned: false,
         };
         let at = match self.free.pop() {
@@ -194,17 +196,21 @@ impl Port {
         let mut slots = self.spare.pop().unwrap_or_default();
         let mut len = HEADERS;
         let mut losses = 0;
+        // Whether the last datagram must be in one frame with the next one.
+        let mut bound = false;
         while let Some(&at) = self.queue.front() {
+            let room = self.front_len();
             let slot = &mut self.slots[at];
             let more = slot.data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
             let first = slots.is_empty();
-            if !first && (slot.alone || slot.quiet || len + more > most) {
+            if !first && !bound && (slot.alone || slot.quiet || len + room > most) {
                 break;
             }
             if frame.push(slot.command, index, slot.address, &slot.data).is_err() {
                 break;
             }
             let alone = slot.alone;
+            bound = slot.with_next;
             slot.state = SlotState::InFlight;
             slot.sent = now;
             slots.push(at);
@@ -262,9 +268,20 @@ impl Port {
     /// Bytes on the wire of the first datagram in the queue, in a separate frame; `None` if nothing
     /// is queued.
     pub fn first_len(&self) -> Option<usize> {
-        let &at = self.queue.front()?;
-        let len = self.slots[at].data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
-        Some(len + HEADERS)
+        self.queue.front().map(|_| self.front_len() + HEADERS)
+    }
+
+    /// Bytes of the first datagram in the queue and of those that must be in one frame with it.
+    fn front_len(&self) -> usize {
+        let mut len = 0;
+        for &at in &self.queue {
+            let slot = &self.slots[at];
+            len += slot.data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
+            if !slot.with_next {
+                break;
+            }
+        }
+        len
     }
 
     /// Takes the datagrams of a returned frame; `false` if the frame is not ours.

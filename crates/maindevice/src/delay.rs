@@ -44,6 +44,13 @@ pub(crate) struct Stations {
     quiet: bool,
 }
 
+impl Stations {
+    /// Whether a latch waits until nothing else is under way.
+    pub const fn are_quiet(&self) -> bool {
+        self.quiet
+    }
+}
+
 /// All SubDevices of a segment.
 pub(crate) fn stations(segment: &Segment) -> Stations {
     let devices = &segment.devices;

@@ -69,7 +69,7 @@ pub(crate) async fn join(
     }
     let Some(last) = latches.pop() else { return Ok(()) };
     let (sent, latch) = match patient {
-        true => refine(link, config, &mut estimator, &stations, strangers, last).await?,
+        true => refine(link, config, &mut estimator, &stations, strangers, last, |_| ()).await?,
         false => last,
     };
     let delays = estimator.delays();

@@ -5,6 +5,7 @@ use alloc::vec::Vec;
 use isocat_sync::delay::Delay;
 use isocat_wire::time::{Host, Nanos, Picos, Time};
 
+use super::lines::Lines;
 use crate::config::Config;
 use crate::delay::{self, Estimator, FREE_RUNNING_PPB, Times};
 use crate::error::Cause;
@@ -12,13 +13,21 @@ use crate::event::Event;
 use crate::link::Link;
 use crate::segment::{Segment, SubDevice};
 
-/// Latches several times and sets each delay to the mean. Returns the last latch.
-pub(super) async fn measure_delays(
+/// What latches tell of the clocks.
+pub(super) struct Latches {
+    /// How the clocks run apart.
+    pub lines: Lines,
+    /// When the last latch was sent, and the reference clock's time from the first one to it, ns.
+    pub last: (Time<Host>, i64),
+}
+
+/// Latches several times and sets each delay to the mean.
+pub(super) async fn measure(
     link: &Link,
     config: &Config,
     segment: &mut Segment,
     reference: usize,
-) -> Result<Times, Cause> {
+) -> Result<Latches, Cause> {
     let wanted = config.delay_latches.max(1);
     let stations = delay::stations(segment);
     let patient = config.hop_jitter;
@@ -26,23 +35,24 @@ pub(super) async fn measure_delays(
     let before = latches.get(wanted.wrapping_sub(2)).map(|(_, latch)| latch);
     delay::find_entries(segment, before, &latches[wanted - 1].1)?;
     let mut estimator = Estimator::new(segment, reference, FREE_RUNNING_PPB, config.hop_jitter);
+    let mut lines = Lines::new(reference);
     for (_, latch) in &latches {
         estimator.sample(latch);
+        lines.sample(latch);
     }
-    let Some(last) = latches.pop() else { return Ok(Times::new()) };
-    let (_, last) = match patient {
-        true => refine(link, config, &mut estimator, &stations, 0, last).await?,
-        false => last,
-    };
-    for (position, (device, delay)) in
-        segment.devices.iter_mut().zip(estimator.delays()).enumerate()
-    {
+    let mut last = latches.pop().unwrap_or_else(|| (link.now(), Times::new()));
+    if patient {
+        let sample = |latch: &Times| lines.sample(latch);
+        last = refine(link, config, &mut estimator, &stations, 0, last, sample).await?;
+    }
+    for (at, (device, delay)) in segment.devices.iter_mut().zip(estimator.delays()).enumerate() {
         take(link, device, delay);
-        let mean = estimator.mean(position);
+        let mean = estimator.mean(at);
         device.delay_spread = delay.nanos().map(|_| Nanos(mean.spread().0 / 1_000));
         device.delay_latches_left_out = mean.left_out();
     }
-    Ok(last)
+    let last = (last.0, lines.reference_since(&last.1));
+    Ok(Latches { lines, last })
 }
 
 /// Latches as often as wanted. Each latch comes with the instant before it; with `patient` a pause
@@ -80,7 +90,7 @@ pub(super) async fn latch_often(
 }
 
 /// Latches until all delays are known as well as wanted, or the most latches are made. Returns the
-/// last latch.
+/// last latch; `sample` gets each of them.
 pub(super) async fn refine(
     link: &Link,
     config: &Config,
@@ -88,11 +98,13 @@ pub(super) async fn refine(
     stations: &delay::Stations,
     strangers: u16,
     mut last: (Time<Host>, Times),
+    mut sample: impl FnMut(&Times) + Send,
 ) -> Result<(Time<Host>, Times), Cause> {
     let most = MOST_LATCHES.saturating_mul(config.delay_latches.max(1));
     while estimator.latches() < most && estimator.worst_error() > Picos::from(config.delay_error) {
         for latch in latch_often(link, config, stations, strangers, true).await? {
             estimator.sample(&latch.1);
+            sample(&latch.1);
             last = latch;
         }
     }
@@ -124,8 +136,8 @@ pub(super) fn take(link: &Link, device: &mut SubDevice, delay: Delay) {
 /// The most latches in all, as a multiple of the least number.
 const MOST_LATCHES: usize = 8;
 
-/// Shortest pause between two latches: at 10 ppm, clocks slip by 10 ns in it.
-const SHORTEST_PAUSE: Nanos = Nanos(1_000_000);
+/// Shortest pause between two latches: at 20 ppm, clocks slip by 10 ns in it.
+const SHORTEST_PAUSE: Nanos = Nanos(500_000);
 
 /// The range by which pauses differ.
-const PAUSES: Nanos = Nanos(4_000_000);
+const PAUSES: Nanos = Nanos(2_000_000);

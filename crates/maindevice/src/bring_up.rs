@@ -28,6 +28,7 @@ use crate::hot_connect::Present;
 use crate::left_out::{self, Failures, each, leave_out};
 use crate::link::{Link, Procedure, drive_beside, join};
 use crate::mailbox::{Mailbox, Mailboxes};
+use crate::objects::Template;
 use crate::segment::{Segment, SubDevice};
 use crate::{clock, delay, esm, mapping, mode, objects, ring, scan, sii, soe, sync, timing};
 
@@ -110,13 +111,7 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     let clocks = clock::synchronize(link, config, &mut present.0, &beside);
     let mut clocks = Box::pin(clocks);
     let mut in_sync = None;
-    let objects = each_with_mailbox(work, |device, mailbox| {
-        Box::pin(async move {
-            let wish = config.devices.get(device.position);
-            read_objects(mailbox, device, wish).await?;
-            mapping::place_process_data(device)
-        })
-    });
+    let objects = objects::read_all(work);
     let failures = match is_quiet {
         true => objects.await?,
         false => drive_beside(objects, clocks.as_mut(), &mut in_sync).await?,
@@ -273,9 +268,10 @@ pub(crate) async fn read_objects(
     mut mailbox: Option<&mut Mailbox>,
     device: &mut SubDevice,
     wish: Option<&DeviceConfig>,
+    template: Option<&Template>,
 ) -> Result<(), Cause> {
     match &mut mailbox {
-        Some(mailbox) if device.has_coe() => objects::read(mailbox, device, wish).await?,
+        Some(mailbox) if device.has_coe() => objects::read(mailbox, device, wish, template).await?,
         _ => objects::from_sii(device),
     }
     soe::start_up(mailbox, device, wish).await

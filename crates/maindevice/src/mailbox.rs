@@ -31,6 +31,8 @@ pub(crate) struct Mailbox {
     counter: u8,
     last_answer: u8,
     repeat: bool,
+    /// Whether lists (0x1C00, assignments, mappings) are uploaded as whole objects.
+    pub whole_lists: bool,
     /// Whether an earlier service was given up, so that its answer may still come.
     stale: bool,
     /// Whether requests are written as long as the mailbox, since the device did not take one in two
@@ -58,6 +60,7 @@ impl Mailbox {
             counter: 0,
             last_answer: 0,
             repeat: false,
+            whole_lists: false,
             stale: true,
             whole: false,
             spent: Nanos::ZERO,

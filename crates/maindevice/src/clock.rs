@@ -36,13 +36,13 @@ pub(crate) use drift_frames::{limits, noise};
 pub(crate) use join::{Joining, join};
 use latches::{Latches, measure};
 pub(crate) use settings::depths;
-use settings::{USUAL_SPEED_COUNTER_START, locking_depth, write};
+use settings::{SPEED_COUNTER_START, locking_depth, write};
 pub(crate) use shift::shift;
 
 /// Measures and sets delays and offsets, then drives the drift loop. Does nothing without a clock.
 ///
 /// Other procedures may run beside it: its datagrams go ahead of theirs, so that its frames come in
-/// time. While they do (`beside`), the clocks are driven on, so that none runs away from the others.
+/// time. While they do (`beside`), the clocks are driven on, so that none runs away.
 pub(crate) async fn synchronize(
     link: &Link,
     config: &Config,
@@ -76,7 +76,7 @@ pub(crate) async fn measure_speeds(
     segment: &mut Segment,
 ) -> Result<(), AccessError> {
     let Some(reference) = segment.reference else { return Ok(()) };
-    let start = USUAL_SPEED_COUNTER_START.to_bytes();
+    let start = SPEED_COUNTER_START.to_bytes();
     link.bwr(register::SPEED_COUNTER_START.address, &start).reply().await?;
     let stations = delay::stations(segment);
     let mut tries = 0;
@@ -119,8 +119,8 @@ pub(crate) async fn measure_speeds(
 /// its local time `r` enters a SubDevice `delay` later, at the local time `l` there: its system
 /// time is then `r + delay`, so its offset is `r + delay - l`. All wraps as the registers do.
 ///
-/// `entries` are the local times of one frame. It is the first drift frame, so that each loop
-/// begins without a difference: a loop takes for drift what the filter of 0x0934 passes of it.
+/// `entries` are the local times of one frame: that of the first drift frame, so that each loop
+/// begins without a difference. A loop takes for drift what the filter of 0x0934 passes of it.
 fn set_offsets(segment: &mut Segment, reference: usize, entries: &[u64]) {
     let time = entries[reference];
     for (device, entry) in segment.devices.iter_mut().zip(entries) {

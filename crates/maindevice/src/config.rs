@@ -132,9 +132,9 @@ pub struct Config {
     pub share_sii: bool,
     /// Whether devices of one vendor, product and revision share the descriptions of 0x1C32 and
     /// 0x1C33, if they support complete access. The first two and then one in sixteen are asked for
-    /// each description and each entry; the others upload each object as a whole. Values always come
-    /// from the device itself. Default yes: objects take most of the bring-up time of a long line.
-    /// Switch it off if devices of one revision have different dictionaries.
+    /// each description and each entry; the others upload each object as a whole. Values always
+    /// come from the device itself. Default yes: objects take most of the bring-up time of a long
+    /// line. Switch it off if devices of one revision have different dictionaries.
     pub share_objects: bool,
     /// Timeouts.
     pub timeouts: Timeouts,

@@ -35,8 +35,8 @@ pub(crate) struct Mailbox {
     pub whole_lists: bool,
     /// Whether an earlier service was given up, so that its answer may still come.
     stale: bool,
-    /// Whether requests are written as long as the mailbox, since the device did not take one in two
-    /// parts.
+    /// Whether requests are written as long as the mailbox, since the device did not take one in
+    /// two parts.
     whole: bool,
     spent: Nanos,
 }

@@ -293,8 +293,8 @@ fn a_datagram_that_travels_alone_does() {
     assert_eq!(bench.frames, [1, 1, 1]);
 }
 
-/// A frame holds 107 datagrams of 14 bytes. Behind 105 others there is room for two, behind 106 both
-/// go into the next frame.
+/// A frame holds 107 datagrams of 14 bytes. Behind 105 others there is room for two, behind 106
+/// both go into the next frame.
 #[test]
 fn datagrams_that_travel_together_are_in_one_frame() {
     for (others, frames) in [(105, &[107][..]), (106, &[106, 2])] {

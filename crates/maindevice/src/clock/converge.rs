@@ -40,12 +40,22 @@ pub(super) async fn converge(
     let noise = noise_behind(segment, config, locking_depth(config));
     let (difference, speed) = depths(segment, config);
     let most = followers(segment, reference).iter().map(|(at, _)| noise[*at]).max();
-    let pace = Pace::new(config.cycle, speed, most.unwrap_or_default());
+    let most = most.unwrap_or_default();
+    // What is left of a phase goes with the number of frames, so it goes before intervals become
+    // those of a long cycle. Where hops jitter much, short intervals would teach wrong speeds.
+    let is_short = config.cycle <= SHORT_CYCLE || most >= NOISY;
+    let cycle = if is_short { config.cycle } else { SHORT_CYCLE };
+    let pace = Pace::new(cycle, speed, most);
     let hurry = end.min(begin + HURRY);
     let mut led = Led::Far;
     while matches!(led, Led::Far) && link.now() < hurry {
         // A disturbance left a phase, which decreases with each frame: many frames once more.
         let way = Way { pace, tried: true, end: hurry, beside };
+        led = lead(link, config, segment, reference, way, &noise).await?;
+    }
+    if matches!(led, Led::Converged) && !is_short {
+        let longer = Pace::new(config.cycle, speed, most).behind(pace);
+        let way = Way { pace: longer, tried: false, end, beside };
         led = lead(link, config, segment, reference, way, &noise).await?;
     }
     if !matches!(led, Led::Converged) {
@@ -113,7 +123,7 @@ async fn lead(
     let mut burst = Burst::new(link, station, count, pace);
     let noise = clocks.iter().map(|(at, _)| noise[*at]).max().unwrap_or_default();
     let interval = reading_interval(noise);
-    let learned = if tried { begin + pace.lasts() } else { begin };
+    let learned = begin + pace.lasts();
     let window = Nanos(interval.0 * READINGS);
     // Earlier readings would only show that the clocks still move.
     let mut converged = false;
@@ -162,6 +172,10 @@ async fn lead(
     }
 }
 
+/// Noise of 0x092C (1 sigma) from which on clocks do not lock at short intervals.
+const NOISY: Nanos = Nanos(20);
+/// Clocks of longer cycles first lock as those of this one do.
+const SHORT_CYCLE: Nanos = Nanos::millis(1);
 /// Readings that a verdict needs.
 const READINGS: i64 = 16;
 /// A clock beyond this multiple of the limit of the mean does not come into step by waiting.

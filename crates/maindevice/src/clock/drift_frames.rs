@@ -188,9 +188,9 @@ fn pace_for(cycle: Nanos) -> Nanos {
 }
 
 /// Most drift frames in flight, if the way is longer than their pace or frames are lost. It
-/// suffices for 2000 SubDevices at that pace, and is below the number of frames that the link has
-/// in flight.
-const IN_FLIGHT: usize = 20;
+/// suffices for 2000 SubDevices at 50 us, and is below the number of frames that the link has in
+/// flight.
+const IN_FLIGHT: usize = 40;
 
 /// Time between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.
 const READING_INTERVAL: Nanos = Nanos(2_000_000);

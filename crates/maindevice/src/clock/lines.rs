@@ -13,8 +13,8 @@ pub(super) struct Lines {
     count: i128,
     x: i128,
     xx: i128,
-    /// Sums by position, both since the first latch: of the time by which a clock has run ahead, and
-    /// of its product with the reference clock's time.
+    /// Sums by position, both since the first latch: of the time by which a clock has run ahead,
+    /// and of its product with the reference clock's time.
     all: Vec<(i128, i128)>,
 }
 

@@ -15,6 +15,8 @@ pub(super) struct Pace {
     shortest: Nanos,
     /// The longest interval.
     longest: Nanos,
+    /// Time that had passed at another pace before.
+    before: Nanos,
 }
 
 impl Pace {
@@ -25,24 +27,30 @@ impl Pace {
     pub fn new(cycle: Nanos, depth: u8, noise: Nanos) -> Self {
         let noise = noise.max(LEAST_NOISE).min(MOVED);
         let longest = Nanos(cycle.0 / MOVED.0 * noise.0).max(SHORTEST);
-        Self { part: MEANS << depth, shortest: SHORTEST, longest }
+        Self { part: MEANS << depth, shortest: SHORTEST, longest, before: Nanos::ZERO }
     }
 
     /// The longest interval from the beginning, and no less than 1 ms.
     pub fn settled(self) -> Self {
         let longest = self.longest.max(SLOW);
-        Self { part: 1, shortest: longest, longest }
+        Self { part: 1, shortest: longest, longest, before: Nanos::ZERO }
+    }
+
+    /// The pace that goes on where `other` ended.
+    pub fn behind(self, other: Self) -> Self {
+        Self { before: other.lasts(), ..self }
     }
 
     /// The interval when so much time has passed.
     pub fn at(&self, passed: Nanos) -> Nanos {
-        Nanos(passed.0 / self.part).max(self.shortest).min(self.longest)
+        Nanos((passed + self.before).0 / self.part).max(self.shortest).min(self.longest)
     }
 
-    /// The time until intervals grow no more, 2 s at most. With long cycles and deep filters it
+    /// The time until intervals grow no more, 0.5 s at most. With long cycles and deep filters it
     /// would be longer, and the intervals then stay shorter.
     pub fn lasts(&self) -> Nanos {
-        Nanos(self.part.saturating_mul(self.longest.0)).min(LONGEST)
+        let all = Nanos(self.part.saturating_mul(self.longest.0)).min(LONGEST);
+        (all + -self.before).max(Nanos::ZERO)
     }
 }
 
@@ -50,9 +58,10 @@ impl Pace {
 /// twice as far before their loops know the speed.
 const MEANS: i64 = 4;
 
-/// The first interval. A clock 50 ppm off moves by 160 ns in the 64 intervals that its loop needs to
-/// learn the speed. In shorter intervals the jitter of the host would be most of the time between
-/// two frames, and a loop that divides by it would take each jump of the hops' jitter for a speed.
+/// The first interval. A clock 50 ppm off moves by 160 ns in the 64 intervals that its loop needs
+/// to learn the speed. In shorter intervals the jitter of the host would be most of the time
+/// between two frames, and a loop that divides by it would take each jump of the hops' jitter for a
+/// speed.
 const SHORTEST: Nanos = Nanos(50_000);
 
 /// The shortest interval for clocks that do not come into step, so that they load the wire little.
@@ -65,7 +74,7 @@ const MOVED: Nanos = Nanos(20);
 const LEAST_NOISE: Nanos = Nanos(3);
 
 /// Longest time in which intervals grow.
-const LONGEST: Nanos = Nanos(2_000_000_000);
+const LONGEST: Nanos = Nanos(512_000_000);
 
 #[cfg(test)]
 mod tests {

@@ -39,7 +39,7 @@ pub(super) async fn write(
     let count = clocks().count() as u16;
     let depths = [depth, depths(segment, config).1];
     link.bwr(register::TIME_FILTER_DEPTH.address, &depths).expect(count).await?;
-    let start = speed_counter_start(config.cycle, depths[1]).to_bytes();
+    let start = SPEED_COUNTER_START.to_bytes();
     link.bwr(register::SPEED_COUNTER_START.address, &start).expect(count).await?;
     Ok(())
 }
@@ -53,8 +53,7 @@ pub(super) async fn reset_filters(
 ) -> Result<(), AccessError> {
     let depths = joining_depths(segment, config);
     link.fpwr(station, register::TIME_FILTER_DEPTH.address, &depths).expect(1).await?;
-    let start = speed_counter_start(config.cycle, depths[1]);
-    link.write(station, register::SPEED_COUNTER_START, start).await
+    link.write(station, register::SPEED_COUNTER_START, SPEED_COUNTER_START).await
 }
 
 /// Writes register 0x0934 of these clocks. If the write is lost at a clock, its difference is
@@ -121,30 +120,5 @@ const DEEPEST: u32 = 8;
 /// Jitter of which the mean of 16 differences leaves a tick of 10 ns from one pace to the next.
 const NOISY: Nanos = Nanos(30);
 
-/// Register 0x0930 for speeds that are averaged over 2^`depth` intervals of the cycle. With a smaller
-/// value a loop removes a difference faster (in the model in proportion to 1 / 0x0930), but the unit
-/// of the speed is coarser: 0.19 ppm at 0x0400. A clock moves by half a unit times the time of the
-/// mean, which is 6 ns with each of these values.
-fn speed_counter_start(cycle: Nanos, depth: u8) -> u16 {
-    match cycle.0.saturating_mul(1 << depth.min(15)) {
-        ..=64_000_000 => 0x0400,
-        ..=256_000_000 => 0x0800,
-        _ => USUAL_SPEED_COUNTER_START,
-    }
-}
-
 /// Register 0x0930: reset value of the chips.
-pub(super) const USUAL_SPEED_COUNTER_START: u16 = 0x1000;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn long_means_have_fine_units() {
-        let start = |cycle: i64| speed_counter_start(Nanos(cycle), 6);
-        assert_eq!([start(1_000_000), start(1_000_001)], [0x0400, 0x0800]);
-        assert_eq!([start(4_000_000), start(4_000_001)], [0x0800, 0x1000]);
-        assert_eq!(speed_counter_start(Nanos::millis(1), 12), 0x1000);
-    }
-}
+pub(super) const SPEED_COUNTER_START: u16 = 0x1000;

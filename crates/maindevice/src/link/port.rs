@@ -18,7 +18,7 @@ const HEADERS: usize = ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN;
 /// index is reused only long after its frame was given up.
 const MOST_FLIGHTS: usize = 24;
 /// Frames in flight beyond these of datagrams that go ahead.
-const MOST_AHEAD: usize = 24;
+const MOST_AHEAD: usize = 40;
 /// Time of an octet on the wire, ns.
 const NS_PER_OCTET: i64 = 80;
 /// Octets around a frame: preamble, check sequence, gap.

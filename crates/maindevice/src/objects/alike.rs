@@ -2,10 +2,11 @@
 //!
 //! A kind is the devices of one vendor, product and revision with equal CoE details. The first two
 //! are asked for everything: each description, each entry by itself, and the whole object at once.
-//! If both describe their objects alike, and the whole object held what the single entries held, the
-//! others take over the descriptions and upload each object at once. Values always come from the
-//! device itself. One in [`ONE_IN`] of these devices is asked for everything all the same. So is a
-//! device whose whole object is refused, has another length, or states other times than the first.
+//! If both describe their objects alike, and the whole object held what the single entries held,
+//! the others take over the descriptions and upload each object at once. Values always come from
+//! the device itself. One in [`ONE_IN`] of these devices is asked for everything all the same. So
+//! is a device whose whole object is refused, has another length, or states other times than the
+//! first.
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;

@@ -14,8 +14,8 @@ use isocat_wire::time::Device;
 use isocat_wire::{Command, Time};
 
 use crate::esc::{ECAT_AL_STATUS, Esc, EscEvent, Flight};
-use crate::pdi::EscPdi;
 use crate::fmmu::Single;
+use crate::pdi::EscPdi;
 use crate::sync_manager::Direction;
 
 /// Process data with a usual setup: one FMMU and one SyncManager for each direction, of equal
@@ -134,7 +134,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// Answers a datagram of one of the usual kinds, as far as it is regular; returns its working
-    /// counter increment. `None`: nothing was done, and [`datagram`](Self::datagram) must answer it.
+    /// counter increment. `None`: nothing was done, and [`datagram`](Self::datagram) must answer.
     #[inline]
     pub fn answer(&mut self, usual: Usual, address: u32, data: &mut [u8]) -> Option<u16> {
         if !self.lane {
@@ -218,8 +218,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let base = usize::from(PROCESS_RAM);
         // Outputs go first: they are taken as received, before inputs replace them.
         if let Some((at, number)) = outputs
-            && let Some(place) =
-                sync_managers.ecat_whole(Direction::Write, number.into())
+            && let Some(place) = sync_managers.ecat_whole(Direction::Write, number.into())
         {
             ram[place - base..][..at.len()].copy_from_slice(&data[at]);
             count += if reads { 2 } else { 1 };

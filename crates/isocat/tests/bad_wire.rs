@@ -108,8 +108,11 @@ impl<F: FnMut(u64) -> Fate> Bench<F> {
         let back = match fate {
             Fate::LostOut => return,
             Fate::Passes(_) | Fate::ComesLate(_) | Fate::LostBack | Fate::Unmarked => {
-                let returned =
-                    self.segment.pass(&mut bytes, Time::ZERO + Picos(start * 1000), &mut isocat_sim::Watcher::blind());
+                let returned = self.segment.pass(
+                    &mut bytes,
+                    Time::ZERO + Picos(start * 1000),
+                    &mut isocat_sim::Watcher::blind(),
+                );
                 if matches!(fate, Fate::LostBack) {
                     return;
                 }

@@ -99,7 +99,10 @@ fn respond(mut socket: RawSocket, mut segment: Segment, begin: Time<Host>, stop:
             let bytes = &mut frame[..received.len];
             let start = (Time::ZERO + Picos::from(received.at - begin)).max(free);
             free = start + Picos::from(Nanos(duration_ns(bytes.len()) as i64 + 960));
-            if segment.pass(bytes, start, &mut isocat_sim::Watcher::blind()).is_ok_and(|returned| returned.good) {
+            if segment
+                .pass(bytes, start, &mut isocat_sim::Watcher::blind())
+                .is_ok_and(|returned| returned.good)
+            {
                 let _ = socket.send(bytes);
             }
         }

@@ -50,8 +50,8 @@ fn a_hundred_from_cold() {
         worst(&report)
     );
     assert!((1.0..100.0).contains(&worst(&report)), "{}", worst(&report));
-    assert!((300_000_000..3_000_000_000).contains(&took), "{took}");
-    assert!((6_000..60_000).contains(&main.bring_up_frames), "{}", main.bring_up_frames);
+    assert!((300_000_000..800_000_000).contains(&took), "{took}");
+    assert!((1_000..6_000).contains(&main.bring_up_frames), "{}", main.bring_up_frames);
     for device in &report.devices {
         assert!(device.registers.al_status.is_op(), "{}", device.registers.al_status);
     }

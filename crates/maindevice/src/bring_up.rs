@@ -10,6 +10,7 @@ use alloc::boxed::Box;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::convert::Infallible;
+use core::sync::atomic::{AtomicBool, Ordering};
 
 use isocat_sync::phase::Direction;
 use isocat_sync::phase::drive::Limits;
@@ -25,10 +26,11 @@ use crate::error::{Cause, Error};
 use crate::event::{Event, Stage};
 use crate::hot_connect::Present;
 use crate::left_out::{self, Failures, each, leave_out};
-use crate::link::{Link, Procedure, join};
+use crate::link::{Link, Procedure, drive_beside, join};
 use crate::mailbox::{Mailbox, Mailboxes};
+use crate::objects::Template;
 use crate::segment::{Segment, SubDevice};
-use crate::{clock, esm, mapping, mode, objects, ring, scan, sii, soe, sync, timing};
+use crate::{clock, delay, esm, mapping, mode, objects, ring, scan, sii, soe, sync, timing};
 
 /// What a piece of the bring-up works on. It is returned on success and on failure.
 pub(crate) struct Work {
@@ -99,14 +101,21 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     work.mailboxes = work.segment.devices.iter().map(mailbox).collect();
 
     work.enter(Stage::Objects);
-    let failures = each_with_mailbox(work, |device, mailbox| {
-        Box::pin(async move {
-            let wish = config.devices.get(device.position);
-            read_objects(mailbox, device, wish).await?;
-            mapping::place_process_data(device)
-        })
-    })
-    .await?;
+    // Those that were left out pass frames on, and their clocks count with the others.
+    let is_there = |device: &SubDevice| device.admitted || device.left_out.is_some();
+    let mut present = Present::among(&work.segment, is_there);
+    // Delays and drift need frames at intervals, and mailboxes need the wire in between. Only a
+    // latch that waits until nothing else is in flight can't be made meanwhile.
+    let is_quiet = delay::stations(&present.0).are_quiet();
+    let beside = AtomicBool::new(true);
+    let clocks = clock::synchronize(link, config, &mut present.0, &beside);
+    let mut clocks = Box::pin(clocks);
+    let mut in_sync = None;
+    let objects = objects::read_all(work);
+    let failures = match is_quiet {
+        true => objects.await?,
+        false => drive_beside(objects, clocks.as_mut(), &mut in_sync).await?,
+    };
     leave_out(work, failures).await;
 
     let is_known = |device: &SubDevice| {
@@ -131,12 +140,13 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     leave_out(work, failures).await;
 
     work.enter(Stage::Clock);
-    // Those that were left out pass frames on, and their clocks count with the others.
-    let is_there = |device: &SubDevice| device.admitted || device.left_out.is_some();
-    let mut present = Present::among(&work.segment, is_there);
-    let clocks = clock::synchronize(link, config, &mut present.0).await;
-    present.give_back(&mut work.segment);
-    clocks?;
+    beside.store(false, Ordering::Relaxed);
+    match in_sync {
+        Some(result) => result?,
+        None => clocks.as_mut().await?,
+    }
+    drop(clocks);
+    present.give_clocks(&mut work.segment);
 
     work.enter(Stage::Plan);
     work.segment.timing = Some(timing::plan(&work.segment, config)?);
@@ -258,9 +268,10 @@ pub(crate) async fn read_objects(
     mut mailbox: Option<&mut Mailbox>,
     device: &mut SubDevice,
     wish: Option<&DeviceConfig>,
+    template: Option<&Template>,
 ) -> Result<(), Cause> {
     match &mut mailbox {
-        Some(mailbox) if device.has_coe() => objects::read(mailbox, device, wish).await?,
+        Some(mailbox) if device.has_coe() => objects::read(mailbox, device, wish, template).await?,
         _ => objects::from_sii(device),
     }
     soe::start_up(mailbox, device, wish).await

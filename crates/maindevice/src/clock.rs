@@ -9,6 +9,8 @@
 //!    each other.
 //! 4. The filters are reset, and FRMW frames drive the drift loop until every clock has converged.
 
+use core::sync::atomic::AtomicBool;
+
 use isocat_wire::register::{self, Value};
 use isocat_wire::time::Nanos;
 
@@ -22,6 +24,8 @@ mod converge;
 mod drift_frames;
 mod join;
 mod latches;
+mod lines;
+mod pace;
 mod polarity;
 mod settings;
 mod shift;
@@ -30,26 +34,36 @@ use converge::converge;
 pub(crate) use converge::follow;
 pub(crate) use drift_frames::{limits, noise};
 pub(crate) use join::{Joining, join};
-use latches::measure_delays;
+use latches::{Latches, measure};
 pub(crate) use settings::depths;
-use settings::{SPEED_COUNTER_START, write};
+use settings::{SPEED_COUNTER_START, locking_depth, write};
 pub(crate) use shift::shift;
 
 /// Measures and sets delays and offsets, then drives the drift loop. Does nothing without a clock.
+///
+/// Other procedures may run beside it: its datagrams go ahead of theirs, so that its frames come in
+/// time. While they do (`beside`), the clocks are driven on, so that none runs away.
 pub(crate) async fn synchronize(
     link: &Link,
     config: &Config,
     segment: &mut Segment,
+    beside: &AtomicBool,
 ) -> Result<(), Cause> {
     let Some(reference) = segment.reference else { return Ok(()) };
-    let last = measure_delays(link, config, segment, reference).await?;
-    set_offsets(segment, reference, &last);
+    let link = &link.ahead();
+    let Latches { lines, last: (sent, latched) } =
+        measure(link, config, segment, reference).await?;
+    // How long writing takes: the clocks run apart meanwhile.
+    let mut writing = Nanos::ZERO;
     if config.drift_compensation {
-        polarity::learn(link, config, segment, reference).await?;
+        set_offsets(segment, reference, &lines.at(latched));
+        writing = polarity::learn(link, config, segment, reference).await?;
     }
-    write(link, config, segment, Nanos::ZERO).await?;
+    let by_then = link.now() + writing - sent;
+    set_offsets(segment, reference, &lines.at(latched + by_then.0));
+    write(link, config, segment, Nanos::ZERO, locking_depth(config)).await?;
     if config.drift_compensation {
-        converge(link, config, segment, reference).await?;
+        converge(link, config, segment, reference, beside).await?;
     }
     Ok(())
 }
@@ -104,11 +118,14 @@ pub(crate) async fn measure_speeds(
 /// Offsets that give every clock the reference's own time. A frame that entered the reference at
 /// its local time `r` enters a SubDevice `delay` later, at the local time `l` there: its system
 /// time is then `r + delay`, so its offset is `r + delay - l`. All wraps as the registers do.
-fn set_offsets(segment: &mut Segment, reference: usize, latches: &[Latch]) {
-    let time = latches[reference].entry;
-    for (device, latch) in segment.devices.iter_mut().zip(latches) {
+///
+/// `entries` are the local times of one frame: that of the first drift frame, so that each loop
+/// begins without a difference. A loop takes for drift what the filter of 0x0934 passes of it.
+fn set_offsets(segment: &mut Segment, reference: usize, entries: &[u64]) {
+    let time = entries[reference];
+    for (device, entry) in segment.devices.iter_mut().zip(entries) {
         let delay = device.delay.unwrap_or(Nanos::ZERO).0;
-        device.offset = time.wrapping_add_signed(delay).wrapping_sub(latch.entry);
+        device.offset = time.wrapping_add_signed(delay).wrapping_sub(*entry);
         if device.dc == DcCapability::Clock32 {
             device.offset &= u64::from(u32::MAX);
         }

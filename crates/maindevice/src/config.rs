@@ -130,6 +130,12 @@ pub struct Config {
     /// EEPROMs of one identity differ in their categories, as may be so for modular devices that
     /// store their modules there.
     pub share_sii: bool,
+    /// Whether devices of one vendor, product and revision share the descriptions of 0x1C32 and
+    /// 0x1C33, if they support complete access. The first two and then one in sixteen are asked for
+    /// each description and each entry; the others upload each object as a whole. Values always
+    /// come from the device itself. Default yes: objects take most of the bring-up time of a long
+    /// line. Switch it off if devices of one revision have different dictionaries.
+    pub share_objects: bool,
     /// Timeouts.
     pub timeouts: Timeouts,
 }
@@ -199,6 +205,7 @@ impl Config {
             ring: None,
             tolerate: false,
             share_sii: true,
+            share_objects: true,
             timeouts: Timeouts::default(),
         }
     }

@@ -44,6 +44,13 @@ pub(crate) struct Stations {
     quiet: bool,
 }
 
+impl Stations {
+    /// Whether a latch waits until nothing else is under way.
+    pub const fn are_quiet(&self) -> bool {
+        self.quiet
+    }
+}
+
 /// All SubDevices of a segment.
 pub(crate) fn stations(segment: &Segment) -> Stations {
     let devices = &segment.devices;
@@ -72,7 +79,7 @@ pub(crate) async fn latch_among(
 ) -> Result<Times, AccessError> {
     let timed = stations.iter().filter(|(_, dc)| dc.has_receive_times()).count();
     // A repetition after a loss might mix the times of two frames, so a new latch is made instead.
-    let travel = Travel { alone: false, once: true, quiet: *quiet };
+    let travel = Travel { once: true, quiet: *quiet, ..Travel::default() };
     let address = Address::Broadcast(register::RECEIVE_TIME_0.address);
     let write = link.exchange(Command::Bwr, address, vec![0; 4], travel);
     let (expected, found) = (timed as u16, write.reply().await?.wkc);

@@ -264,6 +264,23 @@ impl Present {
         Self(Segment { devices, reference, ..Segment::default() })
     }
 
+    /// Copies what is known of the clocks back into the whole segment. All else there is kept.
+    pub fn give_clocks(self, segment: &mut Segment) {
+        let positions: Vec<usize> = self.0.devices.iter().map(|device| device.position).collect();
+        for known in self.0.devices {
+            let device = &mut segment.devices[known.position];
+            device.parent = known.parent.map(|(above, port)| (positions[above], port));
+            device.entry = known.entry;
+            device.delay = known.delay;
+            device.measured_delay = known.measured_delay;
+            device.delay_spread = known.delay_spread;
+            device.delay_latches_left_out = known.delay_latches_left_out;
+            device.offset = known.offset;
+            device.difference = known.difference;
+            device.difference_polarity = known.difference_polarity;
+        }
+    }
+
     /// Copies the results back into the whole segment.
     pub fn give_back(self, segment: &mut Segment) {
         let positions: Vec<usize> = self.0.devices.iter().map(|device| device.position).collect();

@@ -47,7 +47,11 @@ pub(crate) const CYCLIC_INDEX: u8 = 0x80;
 
 /// The procedures' handle of the machine.
 #[derive(Clone)]
-pub(crate) struct Link(Arc<Mutex<Desk>>);
+pub(crate) struct Link {
+    desk: Arc<Mutex<Desk>>,
+    /// Whether its datagrams go ahead of those of other handles.
+    ahead: bool,
+}
 
 /// The place of the shared data while procedures run.
 struct Desk {
@@ -94,13 +98,24 @@ pub(crate) struct Travel {
     /// Whether it leaves only when every other frame is back, including those of the cycle. If that
     /// does not happen within 100 ms, it is lost.
     pub quiet: bool,
+    /// Whether it is in one frame with the datagram that is queued next: both arrive, or neither.
+    pub with_next: bool,
+    /// Whether it leaves before everything that is queued, even if as much is in flight as fits on
+    /// the way.
+    pub ahead: bool,
 }
 
 impl Link {
     pub fn new(now: Time<Host>, source: [u8; 6], frame_timeout: Nanos, retries: u8) -> Self {
         let port = Port::new(now, source, frame_timeout, retries);
         let shared = Box::new(Shared { port, board: Board::new() });
-        Self(Arc::new(Mutex::new(Desk { shared: Some(shared), released: Vec::new() })))
+        let desk = Desk { shared: Some(shared), released: Vec::new() };
+        Self { desk: Arc::new(Mutex::new(desk)), ahead: false }
+    }
+
+    /// A handle whose datagrams go ahead of those of other handles.
+    pub fn ahead(&self) -> Self {
+        Self { desk: self.desk.clone(), ahead: true }
     }
 
     /// Takes the shared data for the machine; no procedure may run until it is put back.
@@ -126,7 +141,7 @@ impl Link {
     /// Accesses the desk. The machine and all of its procedures run in one thread at a time, so
     /// this never blocks.
     fn desk<R>(&self, f: impl FnOnce(&mut Desk) -> R) -> R {
-        f(&mut self.0.try_lock().expect("one thread has the machine, and asks once at a time"))
+        f(&mut self.desk.try_lock().expect("one thread has the machine, and asks once at a time"))
     }
 
     /// Accesses the board.
@@ -150,6 +165,7 @@ impl Link {
         data: Vec<u8>,
         travel: Travel,
     ) -> Exchange {
+        let travel = Travel { ahead: travel.ahead || self.ahead, ..travel };
         let slot = self.with(|shared| shared.port.enqueue(command, address, data, travel));
         Exchange { link: self.clone(), slot, command, address }
     }
@@ -353,6 +369,26 @@ pub(crate) async fn join<T, E>(mut all: Vec<Procedure<'_, Result<T, E>>>) -> Res
             return Poll::Pending;
         }
         Poll::Ready(Ok(done.iter_mut().filter_map(Option::take).collect()))
+    })
+    .await
+}
+
+/// Waits for `main` and drives `other` meanwhile. Its result is put into `done` if it ends first.
+pub(crate) async fn drive_beside<A, B>(
+    main: impl Future<Output = A>,
+    mut other: Pin<&mut impl Future<Output = B>>,
+    done: &mut Option<B>,
+) -> A {
+    let mut main = core::pin::pin!(main);
+    core::future::poll_fn(move |context| {
+        let result = main.as_mut().poll(context);
+        if result.is_pending()
+            && done.is_none()
+            && let Poll::Ready(value) = other.as_mut().poll(context)
+        {
+            *done = Some(value);
+        }
+        result
     })
     .await
 }

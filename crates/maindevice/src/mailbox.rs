@@ -31,8 +31,13 @@ pub(crate) struct Mailbox {
     counter: u8,
     last_answer: u8,
     repeat: bool,
+    /// Whether lists (0x1C00, assignments, mappings) are uploaded as whole objects.
+    pub whole_lists: bool,
     /// Whether an earlier service was given up, so that its answer may still come.
     stale: bool,
+    /// Whether requests are written as long as the mailbox, since the device did not take one in
+    /// two parts.
+    whole: bool,
     spent: Nanos,
 }
 
@@ -55,7 +60,9 @@ impl Mailbox {
             counter: 0,
             last_answer: 0,
             repeat: false,
+            whole_lists: false,
             stale: true,
+            whole: false,
             spent: Nanos::ZERO,
         }
     }
@@ -180,7 +187,7 @@ impl Mailbox {
                 break;
             }
             let len = usize::from(self.send.length);
-            self.pay(len);
+            self.pay(&[len]);
             let reply = self.link.fprd(self.station, self.send.start, len).reply().await?;
             if reply.wkc == 1
                 && let Some(head) = reply.data.first_chunk()
@@ -192,7 +199,7 @@ impl Mailbox {
     }
 
     async fn is_full(&mut self) -> Result<bool, AccessError> {
-        self.pay(1);
+        self.pay(&[1]);
         let status = self.link.read(self.station, register::sm_status(1)).await?;
         Ok(status & SyncManager::STATUS_FULL != 0)
     }
@@ -208,22 +215,15 @@ impl Mailbox {
         let mut bytes = Vec::with_capacity(usize::from(self.receive.length));
         bytes.extend_from_slice(&header.emit());
         bytes.extend_from_slice(service);
-        // The last byte of the area must be written for the SyncManager to pass it on.
-        bytes.resize(usize::from(self.receive.length), 0);
         let end = self.link.now() + self.patience;
         let mut interval = POLL_FIRST;
         // After a loss the area may be full with this very request: then it is done, see below.
         let mut lost = false;
         loop {
-            let address = isocat_wire::datagram::Address::Station(self.station, self.receive.start);
-            let travel = Travel { once: true, ..Travel::default() };
-            self.pay(bytes.len());
-            let exchange =
-                self.link.exchange(isocat_wire::Command::Fpwr, address, bytes.clone(), travel);
-            match exchange.reply().await {
-                Ok(reply) if reply.wkc == 1 => return Ok(()),
-                Ok(_) if lost => return Ok(()),
-                Ok(_) => {}
+            match self.put(&bytes).await {
+                Ok(true) => return Ok(()),
+                Ok(false) if lost => return Ok(()),
+                Ok(false) => {}
                 Err(error) if link_is_dead(&self.link, end) => return Err(error.into()),
                 // Tried again at growing intervals, so that losses with a rhythm do not meet each
                 // try.
@@ -235,6 +235,35 @@ impl Mailbox {
             self.link.sleep(interval).await;
             interval = longer(interval);
         }
+    }
+
+    /// Writes a message into SM0, once; whether it was taken.
+    ///
+    /// The first byte of the area opens it, and the SyncManager passes it on when the last byte is
+    /// written. The bytes between them need not be written, so the room that the message leaves
+    /// unused is left out where that pays. Both parts are in one frame, so that a lost frame leaves
+    /// nothing half written.
+    async fn put(&mut self, message: &[u8]) -> Result<bool, AccessError> {
+        let length = usize::from(self.receive.length);
+        let write = |address, data, with_next| {
+            let travel = Travel { once: true, with_next, ..Travel::default() };
+            let address = isocat_wire::datagram::Address::Station(self.station, address);
+            self.link.exchange(isocat_wire::Command::Fpwr, address, data, travel)
+        };
+        if self.whole || length - message.len() < WORTH_LEAVING_OUT {
+            let mut bytes = message.to_vec();
+            bytes.resize(length, 0);
+            let whole = write(self.receive.start, bytes, false);
+            self.pay(&[length]);
+            return Ok(whole.reply().await?.wkc == 1);
+        }
+        let head = write(self.receive.start, message.to_vec(), true);
+        let last = write(self.receive.start + (self.receive.length - 1), alloc::vec![0], false);
+        self.pay(&[message.len(), 1]);
+        let (head, last) = (head.reply().await?.wkc == 1, last.reply().await?.wkc == 1);
+        // A full area refuses both. An area that takes a single part does not track its bytes.
+        self.whole = head != last;
+        Ok(head && last)
     }
 
     /// Waits for one message in SM1 and takes it: protocol and service.
@@ -262,7 +291,7 @@ impl Mailbox {
             let travel = Travel { once: true, ..Travel::default() };
             let address = isocat_wire::datagram::Address::Station(self.station, self.send.start);
             let data = alloc::vec![0; usize::from(self.send.length)];
-            self.pay(data.len());
+            self.pay(&[data.len()]);
             let exchange = self.link.exchange(isocat_wire::Command::Fprd, address, data, travel);
             let lost = match exchange.reply().await {
                 Ok(reply) if reply.wkc == 1 => return Ok(reply.data),
@@ -286,10 +315,10 @@ impl Mailbox {
         self.repeat = !self.repeat;
         let bit = if self.repeat { SyncManager::REPEAT } else { 0 };
         let activate = SyncManager::ENABLE | bit;
-        self.pay(1);
+        self.pay(&[1]);
         self.link.write(self.station, register::sm_activate(1), activate).await?;
         loop {
-            self.pay(1);
+            self.pay(&[1]);
             let control = self.link.read(self.station, register::sm_pdi_control(1)).await?;
             if control & SyncManager::REPEAT == bit {
                 return Ok(());
@@ -301,9 +330,9 @@ impl Mailbox {
         }
     }
 
-    /// Counts a datagram with `len` bytes of data.
-    fn pay(&mut self, len: usize) {
-        self.spent += quality::wire_time(core::iter::once(len));
+    /// Counts a frame of datagrams with these lengths of data, bytes.
+    fn pay(&mut self, lengths: &[usize]) {
+        self.spent += quality::wire_time(lengths.iter().copied());
     }
 
     /// Takes a message apart; `None` if it repeats the last one.
@@ -341,6 +370,9 @@ pub(crate) type Mailboxes = Vec<Option<Mailbox>>;
 
 /// Most messages of an earlier service that are discarded; a device that sends more never stops.
 const MOST_STALE: usize = 8;
+/// The least room behind a message that is left out, bytes: twice the length of the datagram of the
+/// last byte.
+const WORTH_LEAVING_OUT: usize = 26;
 /// First interval of polling: firmware usually answers within a fraction of a millisecond.
 const POLL_FIRST: Nanos = Nanos(100_000);
 /// Longest interval of polling.

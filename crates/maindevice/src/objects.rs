@@ -21,15 +21,23 @@ use crate::segment::{
 };
 use crate::service::{self, Service};
 
+mod alike;
+
+pub(crate) use alike::{Template, read_all};
+
 /// CoE details bit of the SII: the device supports SDO information.
 const SDO_INFORMATION: u8 = 1 << 1;
 
-/// Writes the configured objects in PREOP, then reads assignment, mapping and sync objects.
+/// Writes the configured objects in PREOP, then reads assignment, mapping and sync objects. With a
+/// template of its kind, sync objects are uploaded as a whole.
 pub(crate) async fn read(
     mailbox: &mut Mailbox,
     device: &mut SubDevice,
     config: Option<&DeviceConfig>,
+    template: Option<&Template>,
 ) -> Result<(), Cause> {
+    // Devices of its kind hold whole objects as they describe them.
+    mailbox.whole_lists = template.is_some();
     for startup in config.map(|config| &config.startup[..]).unwrap_or(&[]) {
         coe::download(mailbox, startup.object, &startup.data, startup.complete)
             .await
@@ -46,6 +54,11 @@ pub(crate) async fn read(
     process_data(mailbox, device, OUTPUTS, outputs).await?;
     let inputs = config.and_then(|config| config.inputs.as_deref());
     process_data(mailbox, device, INPUTS, inputs).await?;
+    if let Some(template) = template
+        && alike::read_as(mailbox, device, template).await?
+    {
+        return Ok(());
+    }
     device.output_sync = sync_object(mailbox, device, OUTPUT_PARAMETER).await?;
     device.input_sync = sync_object(mailbox, device, INPUT_PARAMETER).await?;
     Ok(())
@@ -140,6 +153,10 @@ fn pdo_of_sii(pdo: &SiiPdo) -> Pdo {
 
 /// Reads object 0x1C00; empty if the device has none, so that the SII decides.
 async fn sm_types(mailbox: &mut Mailbox, device: &SubDevice) -> Result<Vec<u8>, Cause> {
+    if let Some(types) = list::<1>(mailbox, SM_COMMUNICATION_TYPE).await {
+        let most = usize::from(MOST_SYNC_MANAGERS);
+        return Ok(types.into_iter().take(most).map(|[kind]| kind).collect());
+    }
     let count = match number(mailbox, device, SM_COMMUNICATION_TYPE, 0).await? {
         Some(count) => count as u8,
         None => return Ok(Vec::new()),
@@ -282,6 +299,9 @@ async fn assignment(
     device: &SubDevice,
     index: u16,
 ) -> Result<Option<Vec<u16>>, Cause> {
+    if let Some(assigned) = list(mailbox, index).await {
+        return Ok(Some(assigned.into_iter().map(u16::from_le_bytes).collect()));
+    }
     let object = ObjectAddress::new(index, 0);
     let count = match coe::upload(mailbox, object, false).await.and_then(|bytes| number_of(&bytes))
     {
@@ -321,17 +341,35 @@ pub(crate) fn assignment_writes(index: u16, pdos: &[u16]) -> Vec<(ObjectAddress,
 
 /// Reads one PDO's entries.
 async fn mapping(mailbox: &mut Mailbox, device: &SubDevice, index: u16) -> Result<Pdo, Cause> {
+    let entry = |value: u32| PdoEntry {
+        index: (value >> 16) as u16,
+        sub: (value >> 8) as u8,
+        bits: value as u8,
+    };
+    if let Some(values) = list(mailbox, index).await {
+        let entries = values.into_iter().map(|value| entry(u32::from_le_bytes(value))).collect();
+        return Ok(Pdo { index, entries });
+    }
     let count = required(mailbox, device, ObjectAddress::new(index, 0)).await?;
     let mut entries = Vec::new();
     for sub in 1..=count.min(254) as u8 {
-        let value = required(mailbox, device, ObjectAddress::new(index, sub)).await?;
-        entries.push(PdoEntry {
-            index: (value >> 16) as u16,
-            sub: (value >> 8) as u8,
-            bits: value as u8,
-        });
+        entries.push(entry(required(mailbox, device, ObjectAddress::new(index, sub)).await?));
     }
     Ok(Pdo { index, entries })
+}
+
+/// Uploads a list of equal elements as a whole object. `None` if that is not wanted, if the device
+/// refuses it, or if its length is not that of as many elements as it counts.
+async fn list<const N: usize>(mailbox: &mut Mailbox, index: u16) -> Option<Vec<[u8; N]>> {
+    if !mailbox.whole_lists {
+        return None;
+    }
+    // An error comes again when the list is read element by element.
+    let bytes = coe::upload(mailbox, ObjectAddress::new(index, 0), true).await.ok()?;
+    let (head, elements) = bytes.split_first_chunk::<2>()?;
+    let (elements, rest) = elements.as_chunks::<N>();
+    let fits = rest.is_empty() && elements.len() == usize::from(head[0]);
+    fits.then(|| elements.to_vec())
 }
 
 /// Reads 0x1C32 or 0x1C33 entry by entry: all entries that the device's description lists. Without

@@ -198,7 +198,7 @@ async fn prepare(
         let planned = (device.outputs.clone(), device.inputs.clone());
         let planned_lengths = lengths(device);
         let mailbox = one.mailbox.as_mut();
-        bring_up::read_objects(mailbox, device, wish(config, device)).await?;
+        bring_up::read_objects(mailbox, device, wish(config, device), None).await?;
         mapping::place_process_data(device)?;
         if (&device.outputs, &device.inputs) != (&planned.0, &planned.1) {
             let (planned, found) = (planned_lengths, lengths(device));

@@ -10,6 +10,8 @@ use alloc::boxed::Box;
 use alloc::vec;
 use alloc::vec::Vec;
 
+use core::sync::atomic::AtomicBool;
+
 use isocat_wire::al::AlState;
 use isocat_wire::register::{self, Register, Value};
 
@@ -69,7 +71,7 @@ async fn look(work: &mut Work) -> Result<(), Cause> {
     work.enter(Stage::Clock);
     let mut present = Present::of(&work.segment);
     let speeds = clock::measure_speeds(link, config, &mut present.0).await.map_err(Cause::from);
-    let clocks = clock::synchronize(link, config, &mut present.0).await;
+    let clocks = clock::synchronize(link, config, &mut present.0, &AtomicBool::new(false)).await;
     present.give_back(&mut work.segment);
     note(work, speeds);
     note(work, clocks);

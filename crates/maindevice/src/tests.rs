@@ -293,6 +293,27 @@ fn a_datagram_that_travels_alone_does() {
     assert_eq!(bench.frames, [1, 1, 1]);
 }
 
+/// A frame holds 107 datagrams of 14 bytes. Behind 105 others there is room for two, behind 106
+/// both go into the next frame.
+#[test]
+fn datagrams_that_travel_together_are_in_one_frame() {
+    for (others, frames) in [(105, &[107][..]), (106, &[106, 2])] {
+        let mut bench = Bench::new(1);
+        let link = bench.link.clone();
+        let bound = Travel { with_next: true, ..Travel::default() };
+        let mut all: Vec<_> = (0..others).map(|_| link.fprd(STATION, 0x0130, 2)).collect();
+        let address = Address::Station(STATION, 0x0130);
+        all.push(link.exchange(Command::Fprd, address, std::vec![0; 2], bound));
+        all.push(link.fprd(STATION, 0x0130, 2));
+        bench.run(async {
+            for exchange in all {
+                exchange.expect(1).await.unwrap();
+            }
+        });
+        assert_eq!(bench.frames, frames, "{others}");
+    }
+}
+
 /// A quiet datagram begins a frame, and leaves when the frames before it are back. Frames of the
 /// cycle count too. Without such an instant it is lost, to the nanosecond.
 #[test]

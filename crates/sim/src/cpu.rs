@@ -183,7 +183,15 @@ impl Cpu {
     /// An idle CPU.
     pub fn new(model: CpuModel, jitter: Stream) -> Self {
         let even = model.jitter == Nanos::ZERO && model.unevenness == Unevenness::default();
-        Self { model, agenda: Vec::with_capacity(16), done: 0, due: Time::NEVER, polling: false, even, jitter }
+        Self {
+            model,
+            agenda: Vec::with_capacity(16),
+            done: 0,
+            due: Time::NEVER,
+            polling: false,
+            even,
+            jitter,
+        }
     }
 
     /// The times that it takes.

@@ -15,13 +15,13 @@ use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
 
 use crate::cpu::{Action, Cpu, CpuModel, Plan};
 use crate::observation::{Content, Observation, Observed};
-use crate::watcher::Watcher;
-use present::Present;
 use crate::oscillator::{Bend, ClockModel, Oscillator};
 use crate::plant::{Acted, Plant, PlantSetup};
 use crate::random::Stream;
 use crate::sampling::{Sampler, Sampling};
 use crate::storage::Storage;
+use crate::watcher::Watcher;
+use present::Present;
 
 /// The parts of a SubDevice of a run.
 pub struct DeviceSetup {
@@ -229,12 +229,7 @@ impl Device {
     }
 
     /// Lets its application fail.
-    pub(crate) fn fail(
-        &mut self,
-        at: Time<DeviceClock>,
-        code: AlStatusCode,
-        watch: &mut Watcher,
-    ) {
+    pub(crate) fn fail(&mut self, at: Time<DeviceClock>, code: AlStatusCode, watch: &mut Watcher) {
         if !self.powered {
             return;
         }
@@ -471,12 +466,7 @@ impl Device {
         self.stack.application_mut()
     }
 
-    fn esc_event(
-        &mut self,
-        at: Time<DeviceClock>,
-        event: EscEvent,
-        watch: &mut Watcher,
-    ) {
+    fn esc_event(&mut self, at: Time<DeviceClock>, event: EscEvent, watch: &mut Watcher) {
         match event {
             EscEvent::FrameEnd { al_events } => {
                 let description = self.stack.description();

@@ -14,10 +14,10 @@ use isocat_wire::PortNumber;
 use isocat_wire::frame;
 use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
 
-use crate::watcher::Watcher;
 use crate::path::{Arrival, Loops};
 use crate::probe::{Probed, Sight};
 use crate::segment::{Lost, Returned, Segment};
+use crate::watcher::Watcher;
 use crate::wiring::{End, Hop, MainPort};
 
 /// A frame in flight.

@@ -15,10 +15,10 @@ use crate::fault::RING_CABLE;
 use crate::flight::{Flight, duration};
 use crate::jitter::{self, Edges};
 use crate::next_frame::NextFrame;
-use crate::watcher::Watcher;
 use crate::path::{Arrival, Loops, Path, Reception};
 use crate::plant::{Acted, PlantSetup};
 use crate::probe::{Probed, Probes, Sight};
+use crate::watcher::Watcher;
 use crate::wiring::{End, MainPort, PortTaken, Stay, Wiring};
 
 /// The place and the parts of a SubDevice.
@@ -625,12 +625,7 @@ impl Segment {
 
     /// Prepares a frame that leaves at `start`: SubDevices whose reach may have changed are
     /// advanced to the frame's arrival, so that the audience is right.
-    fn settle_audience(
-        &mut self,
-        from: MainPort,
-        start: Time<True>,
-        watch: &mut Watcher,
-    ) {
+    fn settle_audience(&mut self, from: MainPort, start: Time<True>, watch: &mut Watcher) {
         let audience = &mut self.audiences[from as usize];
         for number in (0..audience.restless()).rev() {
             let place = audience.restless_place(number);
@@ -850,12 +845,7 @@ impl Segment {
 
     /// Applies a change of a SubDevice's power or link. With `advance`, its events before the
     /// change are processed first; no frame may then come earlier.
-    pub(crate) fn notice(
-        &mut self,
-        notice: Notice,
-        advance: bool,
-        watch: &mut Watcher,
-    ) {
+    pub(crate) fn notice(&mut self, notice: Notice, advance: bool, watch: &mut Watcher) {
         let device = &mut self.devices[notice.device];
         let at = device.oscillator().read(notice.at);
         if advance {

@@ -91,7 +91,11 @@ mod tests {
         let steps = Step::ALL.into_iter();
         let events: Vec<Observed> = (steps.clone().map(Observed::Began))
             .chain(steps.map(Observed::Finished))
-            .chain([Observed::Acknowledged(Event::Sync0), Observed::Sm2, Observed::SmEventMissed(1)])
+            .chain([
+                Observed::Acknowledged(Event::Sync0),
+                Observed::Sm2,
+                Observed::SmEventMissed(1),
+            ])
             .collect();
         let kept = |mut watcher: Watcher| {
             for event in &events {

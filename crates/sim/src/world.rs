@@ -15,9 +15,9 @@ use crate::fault::happen::Scene;
 use crate::fault::{Fault, Foreign, Happened, Moment, Planned, Timeline};
 use crate::host::{HostMachine, HostModel};
 use crate::observation::Observation;
-use crate::watcher::Watcher;
 use crate::probe::Sight;
 use crate::segment::{Closing, Connection, Lost, Returned, Segment};
+use crate::watcher::Watcher;
 use crate::wiring::{End, Hop, MainPort};
 
 /// The parts of a run.

@@ -161,7 +161,9 @@ fn every_frame_comes_back_the_same() {
             let mut ours = chance.frame();
             let mut theirs = ours.clone();
             let duration = Picos(frame::duration_ns(ours.len()) as i64 * 1000);
-            segment.pass(&mut ours, now, &mut isocat_sim::Watcher::blind()).expect("all loops stay as they are");
+            segment
+                .pass(&mut ours, now, &mut isocat_sim::Watcher::blind())
+                .expect("all loops stay as they are");
             // The path is that of this frame.
             let entries = segment.path().entries.clone();
             let returns = segment.path().returns.clone();
@@ -232,7 +234,10 @@ fn a_line_of_65535_answers_a_broadcast_read() {
         let at = writer.push(Command::Brd, 0, address, &[0]).unwrap();
         writer.finish();
         let start = Time::new(1_000_000_000);
-        let back = segment.pass(&mut buffer, start, &mut isocat_sim::Watcher::blind()).expect("a whole line").last_bit;
+        let back = segment
+            .pass(&mut buffer, start, &mut isocat_sim::Watcher::blind())
+            .expect("a whole line")
+            .last_bit;
         assert_eq!(u16::from_le_bytes([buffer[at + 1], buffer[at + 2]]), counted, "{count}");
         assert_eq!(buffer[at], LAN9252.kind);
         let adp = u16::from_le_bytes([buffer[at - 8], buffer[at - 7]]);

@@ -82,15 +82,14 @@ struct Train {
 }
 
 impl Train {
-    const REST: Self =
-        Self {
-            next: None,
-            due: Time::NEVER,
-            reached: None,
-            last: None,
-            pending: false,
-            until: Time::ZERO,
-        };
+    const REST: Self = Self {
+        next: None,
+        due: Time::NEVER,
+        reached: None,
+        last: None,
+        pending: false,
+        until: Time::ZERO,
+    };
 
     /// Begins a pulse and returns whether that is an edge. With length 0 the signal stays active
     /// until it is acknowledged.

@@ -187,8 +187,8 @@ impl SyncManagers {
         self.closing != 0
     }
 
-    /// Handles the arrival of a frame: from now on the units that it accesses are remembered, unless
-    /// the frame is known to be `good`.
+    /// Handles the arrival of a frame: from now on the units that it accesses are remembered,
+    /// unless the frame is known to be `good`.
     #[inline]
     pub const fn begin_frame(&mut self, good: bool) {
         self.touched = if good { u16::MAX } else { 0 };
@@ -246,11 +246,7 @@ impl SyncManagers {
 
     /// Handles a PDI write of `len` bytes from `address` on: if the PDI acknowledges by writing, it
     /// releases the buffers that the PDI reads and whose last byte is written.
-    pub fn release_by_write(
-        &mut self,
-        address: u16,
-        len: usize,
-    ) -> Access {
+    pub fn release_by_write(&mut self, address: u16, len: usize) -> Access {
         let mut outcome = Access::default();
         let first = usize::from(address);
         for number in bits(self.guarding) {
@@ -342,11 +338,7 @@ impl SyncManagers {
 
     /// ECAT opens, accesses and closes one area as a whole. Returns its place in memory if allowed.
     #[inline]
-    pub fn ecat_whole(
-        &mut self,
-        direction: Direction,
-        number: usize,
-    ) -> Option<usize> {
+    pub fn ecat_whole(&mut self, direction: Direction, number: usize) -> Option<usize> {
         let unit = &mut self.units[number];
         if self.touched & 1 << number == 0 {
             self.touched |= 1 << number;
@@ -369,11 +361,7 @@ impl SyncManagers {
     /// whether the watchdog is triggered. `None`: the access is not allowed or has more effects,
     /// and nothing was done.
     #[inline]
-    pub fn pdi_whole(
-        &mut self,
-        direction: Direction,
-        number: usize,
-    ) -> Option<(usize, bool)> {
+    pub fn pdi_whole(&mut self, direction: Direction, number: usize) -> Option<(usize, bool)> {
         let unit = &mut self.units[number];
         if self.plain & 1 << number == 0 || unit.direction_of(Side::Pdi) != direction {
             return None;

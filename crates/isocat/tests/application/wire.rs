@@ -73,7 +73,9 @@ fn respond(
             let bytes = &mut bytes[..received.len];
             let start = (Time::ZERO + Picos::from(received.at - begin)).max(free);
             free = start + Picos::from(Nanos(duration_ns(bytes.len()) as i64 + 960));
-            let good = segment.pass(bytes, start, &mut isocat_sim::Watcher::blind()).is_ok_and(|returned| returned.good);
+            let good = segment
+                .pass(bytes, start, &mut isocat_sim::Watcher::blind())
+                .is_ok_and(|returned| returned.good);
             let one_of = drop_one_of.load(Ordering::Relaxed);
             let is_cyclic = frame::payload(bytes).is_ok_and(|payload| payload[1] >= 0x80);
             cyclic += u64::from(is_cyclic && one_of > 0);

@@ -2,18 +2,19 @@
 //! joins.
 
 use alloc::vec::Vec;
+use core::sync::atomic::{AtomicBool, Ordering};
 
-use isocat_sync::drift::{Convergence, Verdict};
+use isocat_sync::drift::{Convergence, Limits, Verdict};
 use isocat_wire::StationAddress;
 use isocat_wire::register;
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::drift_frames::{
-    Burst, PACE, followers, hasten, limits, noise, pace_for, read_differences, reading_interval,
+    Burst, followers, hasten, limits, noise_behind, read_differences, reading_interval,
 };
-use super::settings::{NOISY, depths, set_filter};
+use super::pace::Pace;
+use super::settings::{depths, locking_depth, set_filter};
 use crate::config::Config;
-use crate::delay;
 use crate::error::Cause;
 use crate::link::Link;
 use crate::segment::{Segment, SubDevice};
@@ -21,42 +22,46 @@ use crate::segment::{Segment, SubDevice};
 /// Drives the drift loop until every clock has converged: it sends a stream of FRMW frames, several
 /// in flight, and reads 0x092C of all clocks at intervals.
 ///
-/// A burst locks the clocks. Slower frames follow in two cases. If the drift datagrams of the cycle
-/// come much more seldom, slower frames teach the speed well enough for them. If hops jitter, a
-/// burst does not suffice: the jitter recurs within a few milliseconds, and a loop driven faster
-/// than that takes it for drift.
+/// A loop computes a speed from the growth of the difference over 2^(0x0935) drift frames. While it
+/// learns the speed, the clock moves by its drift over that many intervals, so short intervals keep
+/// it near. But the noise of the difference becomes an error of the speed, which is larger for
+/// shorter intervals, and which moves the clock when intervals become longer. So the interval grows
+/// with the time that the loops have had ([`Pace`]). Each loop then knows its speed as well as all
+/// readings so far allow, and reaches the interval of the cycle without having moved by much.
 pub(super) async fn converge(
     link: &Link,
     config: &Config,
     segment: &mut Segment,
     reference: usize,
+    beside: &AtomicBool,
 ) -> Result<(), Cause> {
     let begin = link.now();
     let end = begin + config.timeouts.drift;
+    let noise = noise_behind(segment, config, locking_depth(config));
+    let (difference, speed) = depths(segment, config);
+    let most = followers(segment, reference).iter().map(|(at, _)| noise[*at]).max();
+    let most = most.unwrap_or_default();
+    // What is left of a phase goes with the number of frames, so it goes before intervals become
+    // those of a long cycle. Where hops jitter much, short intervals would teach wrong speeds.
+    let is_short = config.cycle <= SHORT_CYCLE || most >= NOISY;
+    let cycle = if is_short { config.cycle } else { SHORT_CYCLE };
+    let pace = Pace::new(cycle, speed, most);
     let hurry = end.min(begin + HURRY);
-    let way = delay::noise(segment, config.hop_jitter);
-    let noisy = way.iter().any(|one| *one > NOISY);
-    let fine = noise(segment, config);
-    // What a burst leaves of the jitter must not hold it up: it counts as locked with what the
-    // filter of a short way leaves, 1 / sqrt(31).
-    let shallow = |way: &Nanos| Nanos((way.0 * 18 + 99) / 100);
-    let coarse: Vec<_> = fine.iter().zip(&way).map(|(fine, way)| shallow(way).max(*fine)).collect();
-    let led = lead(link, config, segment, reference, (PACE, 0), &coarse, hurry).await?;
-    let slower = pace_for(config.cycle).max(if noisy { SLOW_PACE } else { PACE });
-    let led = match led {
-        Led::Converged if slower > PACE => {
-            let most = if noisy { MOST_SETTLING } else { MOST_LEARNING };
-            let settled = end.min(link.now() + Nanos(slower.0 * most));
-            let learn = (slower, LEARNING_FRAMES);
-            lead(link, config, segment, reference, learn, &fine, settled).await?;
-            Led::Converged
-        }
-        Led::Converged => Led::Converged,
-        Led::Not { .. } => {
-            let learn = (slower.max(SLOW_PACE), LEARNING_FRAMES);
-            lead(link, config, segment, reference, learn, &fine, end).await?
-        }
-    };
+    let mut led = Led::Far;
+    while matches!(led, Led::Far) && link.now() < hurry {
+        // A disturbance left a phase, which decreases with each frame: many frames once more.
+        let way = Way { pace, tried: true, end: hurry, beside };
+        led = lead(link, config, segment, reference, way, &noise).await?;
+    }
+    if matches!(led, Led::Converged) && !is_short {
+        let longer = Pace::new(config.cycle, speed, most).behind(pace);
+        let way = Way { pace: longer, tried: false, end, beside };
+        led = lead(link, config, segment, reference, way, &noise).await?;
+    }
+    if !matches!(led, Led::Converged) {
+        let way = Way { pace: pace.settled(), tried: false, end, beside };
+        led = lead(link, config, segment, reference, way, &noise).await?;
+    }
     if let Led::Not { device, slope_ppb } = led {
         let device = &segment.devices[device];
         return Err(Cause::Drift {
@@ -66,7 +71,6 @@ pub(super) async fn converge(
             after: link.now() - begin,
         });
     }
-    let (difference, _) = depths(segment, config);
     let address = register::TIME_FILTER_DEPTH.address;
     let count = followers(segment, reference).len() as u16 + 1;
     link.bwr(address, &[difference]).expect(count).await?;
@@ -77,6 +81,8 @@ pub(super) async fn converge(
 /// The result of driving the clocks.
 enum Led {
     Converged,
+    /// A clock is so far off that waiting does not suffice.
+    Far,
     /// The worst clock, and its slope.
     Not {
         device: usize,
@@ -84,31 +90,54 @@ enum Led {
     },
 }
 
-/// Sends one drift frame each `pace` until every clock has converged and at least `least` frames
-/// are sent, but no longer than until `end`. `noise` is the share of 0x092C that jitter causes, by
-/// position (1 sigma).
+/// How clocks are driven.
+#[derive(Clone, Copy)]
+struct Way<'a> {
+    pace: Pace,
+    /// Whether it also ends when a clock is seen to be far off at the end of the pace.
+    tried: bool,
+    /// When it ends at the latest.
+    end: Time<Host>,
+    /// Whether other procedures run beside it. Until they end, clocks are driven even if all have
+    /// converged.
+    beside: &'a AtomicBool,
+}
+
+/// Sends drift frames until the intervals of their pace grow no more and every clock has converged.
+/// `noise` is the share of 0x092C that jitter causes, by position (1 sigma).
 async fn lead(
     link: &Link,
     config: &Config,
     segment: &mut Segment,
     reference: usize,
-    (pace, least): (Nanos, i64),
+    way: Way<'_>,
     noise: &[Nanos],
-    end: Time<Host>,
 ) -> Result<Led, Cause> {
+    let Way { pace, tried, end, beside } = way;
     let begin = link.now();
     let clocks = followers(segment, reference);
-    let mut judged: Vec<_> =
-        clocks.iter().map(|(at, _)| Convergence::new(limits(config, noise[*at]))).collect();
+    let limits: Vec<_> = clocks.iter().map(|(at, _)| limits(config, noise[*at])).collect();
+    let mut judged: Vec<_> = limits.iter().map(|limits| Convergence::new(*limits)).collect();
     let count = clocks.len() as u16 + 1;
     let station = segment.devices[reference].station;
     let mut burst = Burst::new(link, station, count, pace);
     let noise = clocks.iter().map(|(at, _)| noise[*at]).max().unwrap_or_default();
-    let interval = reading_interval(noise).max(Nanos(FRAMES_PER_READING * pace.0));
-    let learned = begin + Nanos(pace.0 * least);
-    let mut next_reading = begin + interval;
+    let interval = reading_interval(noise);
+    let learned = begin + pace.lasts();
+    let window = Nanos(interval.0 * READINGS);
+    // Earlier readings would only show that the clocks still move.
+    let mut converged = false;
+    let mut next_reading = (begin + interval).max(learned + Nanos(-window.0));
     loop {
-        burst.until(next_reading).await?;
+        // While others have the wire, clocks that have converged are read seldom.
+        loop {
+            let is_late = converged && beside.load(Ordering::Relaxed);
+            let due = if is_late { next_reading + RARELY } else { next_reading };
+            if link.now() >= due {
+                break;
+            }
+            burst.until(due.min(link.now() + SLICE)).await?;
+        }
         let asked = link.now();
         let readings = read_differences(link, &clocks).await?;
         // Reading a thousand clocks takes longer than the interval, and no drift frame is sent
@@ -122,10 +151,18 @@ async fn lead(
             device.difference = Some(difference);
             judge.sample(at, difference);
         }
-        let converged = judged.iter().all(|one| matches!(one.verdict(), Verdict::Converged { .. }));
-        if converged && link.now() >= learned {
+        converged = judged.iter().all(|one| matches!(one.verdict(), Verdict::Converged { .. }));
+        if converged && link.now() >= learned && !beside.load(Ordering::Relaxed) {
             burst.finish().await?;
             return Ok(Led::Converged);
+        }
+        let is_far = |((device, _), limits): (&(usize, StationAddress), &Limits)| {
+            let shown = segment.devices[*device].difference.unwrap_or_default();
+            shown.abs().0 > FAR * (limits.mean + limits.noise).0
+        };
+        if tried && link.now() >= learned && clocks.iter().zip(&limits).any(is_far) {
+            burst.finish().await?;
+            return Ok(Led::Far);
         }
         if link.now() >= end {
             burst.finish().await?;
@@ -135,15 +172,17 @@ async fn lead(
     }
 }
 
+/// Noise of 0x092C (1 sigma) from which on clocks do not lock at short intervals.
+const NOISY: Nanos = Nanos(20);
+/// Clocks of longer cycles first lock as those of this one do.
+const SHORT_CYCLE: Nanos = Nanos::millis(1);
+/// Readings that a verdict needs.
+const READINGS: i64 = 16;
+/// A clock beyond this multiple of the limit of the mean does not come into step by waiting.
+const FAR: i64 = 5;
 /// Time of a burst after which the pace is slower. Clocks usually lock within half a second of a
 /// burst. A clock that never locks must not load the wire for the whole time allowed.
 const HURRY: Nanos = Nanos(2_000_000_000);
-
-/// The pace of drift frames after that time, and where hops jitter.
-const SLOW_PACE: Nanos = Nanos(1_000_000);
-
-/// Drift frames from one reading to the next.
-const FRAMES_PER_READING: i64 = 10;
 
 /// The clock that is furthest off, and its slope.
 fn worst(
@@ -205,14 +244,9 @@ pub(crate) async fn follow(
     }
 }
 
-/// Most drift frames at the slower pace, if a burst has already locked the clocks.
-const MOST_LEARNING: i64 = 512;
-
-/// The same where hops jitter: each frame removes 1/1024 of the error that the burst left.
-const MOST_SETTLING: i64 = 4096;
-
-/// Drift frames at the slower pace: after these a speed filter of the usual depth, a mean over 64,
-/// keeps an eighth of its earlier content.
-const LEARNING_FRAMES: i64 = 128;
+/// Additional time between two readings of clocks that have converged, while others have the wire.
+const RARELY: Nanos = Nanos(20_000_000);
+/// How often it is looked whether others still have the wire.
+const SLICE: Nanos = Nanos(1_000_000);
 /// The time for drift frames is at least this multiple of the time that reading all clocks takes.
 const PULLING_PER_READING: i64 = 3;

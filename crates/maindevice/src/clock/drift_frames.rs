@@ -13,6 +13,7 @@ use isocat_wire::dc::SystemTimeDifference;
 use isocat_wire::register::{self, Value};
 use isocat_wire::time::{Host, Nanos, Time};
 
+use super::pace::Pace;
 use super::settings::depths;
 use crate::config::Config;
 use crate::delay;
@@ -43,21 +44,22 @@ pub(super) struct Burst<'a> {
     /// Working counter that each frame must return: the reference read, all other clocks written.
     count: u16,
     /// Time from one frame to the next.
-    pace: Nanos,
+    pace: Pace,
+    begin: Time<Host>,
     in_flight: Vec<Exchange>,
 }
 
 impl<'a> Burst<'a> {
-    /// A burst from the clock at `station`, one frame each `pace`, each with the working counter
-    /// `count`.
-    pub fn new(link: &'a Link, station: StationAddress, count: u16, pace: Nanos) -> Self {
-        Self { link, station, count, pace, in_flight: Vec::new() }
+    /// A burst from the clock at `station` at a pace that begins now, each frame with the working
+    /// counter `count`.
+    pub fn new(link: &'a Link, station: StationAddress, count: u16, pace: Pace) -> Self {
+        Self { link, station, count, pace, begin: link.now(), in_flight: Vec::new() }
     }
 
     /// Sends one frame each pace until `end`. A lost frame does not delay the others.
     pub async fn until(&mut self, end: Time<Host>) -> Result<(), AccessError> {
         while self.link.now() < end {
-            let next = self.link.now() + self.pace;
+            let next = self.link.now() + self.pace.at(self.link.now() - self.begin);
             if self.in_flight.len() < IN_FLIGHT {
                 self.in_flight.push(drift_frame(self.link, self.station));
             }
@@ -164,26 +166,31 @@ pub(crate) fn limits(config: &Config, noise: Nanos) -> Limits {
 /// the filter of 0x0934, a mean of first order.
 pub(crate) fn noise(segment: &Segment, config: &Config) -> Vec<Nanos> {
     let (difference, _) = depths(segment, config);
-    let readings = (2u64 << difference) - 1;
+    noise_behind(segment, config, difference)
+}
+
+/// The same with a `depth` of 0x0934.
+pub(super) fn noise_behind(segment: &Segment, config: &Config, depth: u8) -> Vec<Nanos> {
+    let readings = (2u64 << depth.min(15)) - 1;
     let root = (readings * 10_000).isqrt() as i64;
     let filtered = |one: Nanos| Nanos((one.0 * 100 + root - 1) / root);
     delay::noise(segment, config.hop_jitter).into_iter().map(filtered).collect()
 }
 
-/// Time from one drift frame to the next in a burst, and while a clock joins. A tick of 10 ns in it
-/// is 100 ppm, the smallest speed that a loop can recognize. Such frames take 7 % of the wire, and
-/// a burst a tenth of the time that the cycle's own frames would need at 1 ms.
-pub(super) const PACE: Nanos = Nanos(100_000);
+/// Time from one drift frame to the next while a clock joins. A tick of 10 ns in it is 100 ppm, the
+/// smallest speed that a loop can recognize. Such frames take 7 % of the wire, and joining takes a
+/// tenth of the time that the cycle's own frames would need at 1 ms.
+const PACE: Nanos = Nanos(100_000);
 
 /// The same where the learned speed must hold for a cycle: at most ten frames in a cycle.
-pub(super) fn pace_for(cycle: Nanos) -> Nanos {
+fn pace_for(cycle: Nanos) -> Nanos {
     PACE.max(Nanos(cycle.0 / 10))
 }
 
 /// Most drift frames in flight, if the way is longer than their pace or frames are lost. It
-/// suffices for 2000 SubDevices at that pace, and is below the number of frames that the link has
-/// in flight.
-const IN_FLIGHT: usize = 20;
+/// suffices for 2000 SubDevices at 50 us, and is below the number of frames that the link has in
+/// flight.
+const IN_FLIGHT: usize = 40;
 
 /// Time between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.
 const READING_INTERVAL: Nanos = Nanos(2_000_000);

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 use isocat_wire::register::{self, Value};
 use isocat_wire::time::Nanos;
 
-use super::latches::{latch_often, refine, take};
+use super::latches::{FIRST, latch_often, refine, take};
 use super::settings::reset_filters;
 use crate::board::Wish;
 use crate::config::Config;
@@ -63,13 +63,14 @@ pub(crate) async fn join(
     // Clocks that are left to themselves run apart: then what many latches tell is not worth their
     // time.
     let patient = config.hop_jitter && reference == before;
-    let mut latches = latch_often(link, config, &stations, strangers, patient).await?;
+    let mut latches =
+        latch_often(link, config, &stations, strangers, patient.then_some(FIRST)).await?;
     for (_, latch) in &latches {
         estimator.sample(latch);
     }
     let Some(last) = latches.pop() else { return Ok(()) };
     let (sent, latch) = match patient {
-        true => refine(link, config, &mut estimator, &stations, strangers, last).await?,
+        true => refine(link, config, &mut estimator, &stations, strangers, last, |_| ()).await?,
         false => last,
     };
     let delays = estimator.delays();

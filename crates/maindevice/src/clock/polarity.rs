@@ -30,8 +30,11 @@ pub(super) async fn learn(
     config: &Config,
     segment: &mut Segment,
     reference: usize,
-) -> Result<(), AccessError> {
-    settings::write(link, config, segment, LAG).await?;
+) -> Result<Nanos, AccessError> {
+    let begin = link.now();
+    // No filter: it would show a part of the lag only.
+    settings::write(link, config, segment, LAG, 0).await?;
+    let writing = link.now() - begin;
     let clocks: Vec<(usize, StationAddress)> = drift_frames::followers(segment, reference);
     let leader = segment.devices[reference].station;
     let mut tries = 0;
@@ -53,5 +56,5 @@ pub(super) async fn learn(
             false => DifferencePolarity::NegativeAhead,
         };
     }
-    Ok(())
+    Ok(writing)
 }

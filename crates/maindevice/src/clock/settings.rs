@@ -19,6 +19,7 @@ pub(super) async fn write(
     config: &Config,
     segment: &Segment,
     lag: Nanos,
+    depth: u8,
 ) -> Result<(), AccessError> {
     let clocks = || segment.devices.iter().filter(|device| device.dc.has_clock());
     let mut writes = Vec::new();
@@ -36,7 +37,7 @@ pub(super) async fn write(
         write.expect(1).await?;
     }
     let count = clocks().count() as u16;
-    let depths = burst_depths(segment, config);
+    let depths = [depth, depths(segment, config).1];
     link.bwr(register::TIME_FILTER_DEPTH.address, &depths).expect(count).await?;
     let start = SPEED_COUNTER_START.to_bytes();
     link.bwr(register::SPEED_COUNTER_START.address, &start).expect(count).await?;
@@ -50,7 +51,7 @@ pub(super) async fn reset_filters(
     segment: &Segment,
     station: StationAddress,
 ) -> Result<(), AccessError> {
-    let depths = burst_depths(segment, config);
+    let depths = joining_depths(segment, config);
     link.fpwr(station, register::TIME_FILTER_DEPTH.address, &depths).expect(1).await?;
     link.write(station, register::SPEED_COUNTER_START, SPEED_COUNTER_START).await
 }
@@ -89,19 +90,26 @@ fn quiet_depth(segment: &Segment, config: &Config) -> u8 {
     square.checked_ilog2().map_or(0, |log| log + 1).min(DEEPEST) as u8
 }
 
-/// Depths of 0x0934 and 0x0935 while clocks lock. The depth for the speed is already that of the
+/// Depth of 0x0934 while clocks lock, unless another one is configured. The depth of 0x0935 is
+/// already that of the cycle, since newer chips forget the speed when it is written.
+pub(super) fn locking_depth(config: &Config) -> u8 {
+    config.drift_filters.difference.map_or(LOCKING_DEPTH, |asked| asked.min(15))
+}
+
+/// Depths of 0x0934 and 0x0935 while a clock joins. The depth for the speed is already that of the
 /// cycle, since newer chips forget the speed when it is written. The depth for the difference suits
 /// the pace of a burst, so that the loop does not take the jitter of hops for a speed.
-fn burst_depths(segment: &Segment, config: &Config) -> [u8; 2] {
+fn joining_depths(segment: &Segment, config: &Config) -> [u8; 2] {
     let filters = config.drift_filters;
     let (operation, speed) = depths(segment, config);
     let noise = delay::noise(segment, config.hop_jitter).into_iter().max().unwrap_or_default();
-    let usual = if noise > NOISY { operation.max(NOISY_DEPTH) } else { QUIET_DEPTH };
+    let usual = if noise > NOISY { operation.max(NOISY_DEPTH) } else { LOCKING_DEPTH };
     [filters.difference.unwrap_or(usual), speed]
 }
 
-/// Depth of 0x0934 in a burst.
-const QUIET_DEPTH: u8 = 4;
+/// Depth of 0x0934 while clocks lock: the mean is over a fourth of the frames that speeds are
+/// averaged over, or fewer, so that the loop does not swing.
+const LOCKING_DEPTH: u8 = 4;
 
 /// The same where hops jitter by more than [`NOISY`] (1 sigma).
 const NOISY_DEPTH: u8 = 6;
@@ -110,7 +118,7 @@ const NOISY_DEPTH: u8 = 6;
 const DEEPEST: u32 = 8;
 
 /// Jitter of which the mean of 16 differences leaves a tick of 10 ns from one pace to the next.
-pub(super) const NOISY: Nanos = Nanos(30);
+const NOISY: Nanos = Nanos(30);
 
 /// Register 0x0930: reset value of the chips.
 pub(super) const SPEED_COUNTER_START: u16 = 0x1000;

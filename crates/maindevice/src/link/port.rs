@@ -17,6 +17,15 @@ const HEADERS: usize = ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN;
 /// Most frames of the link in flight. They are more than a long line needs, and few enough that an
 /// index is reused only long after its frame was given up.
 const MOST_FLIGHTS: usize = 24;
+/// Frames in flight beyond these of datagrams that go ahead.
+const MOST_AHEAD: usize = 40;
+/// Time of an octet on the wire, ns.
+const NS_PER_OCTET: i64 = 80;
+/// Octets around a frame: preamble, check sequence, gap.
+const AROUND_FRAME: usize = 24;
+/// Octets in flight beyond those that fill the way: the wire is then busy while a host needs up to
+/// 240 us for its next frame.
+const IN_RESERVE: i64 = 3_000;
 /// Number of SubDevices that [`Timeouts::frame`](crate::config::Timeouts::frame) already includes.
 const USUAL_COUNT: u16 = 1000;
 /// Way through a SubDevice and back, with cables of 100 m: 0.5 us for each, in both directions.
@@ -39,10 +48,15 @@ pub(crate) struct Port {
     retries: u8,
     slots: Vec<Slot>,
     free: Vec<usize>,
+    /// Datagrams that wait to be sent; those that go ahead are first.
     queue: VecDeque<usize>,
+    /// Number of datagrams in the queue that go ahead.
+    ahead: usize,
     flights: Vec<Flight>,
     /// Empty lists of earlier flights, reused so that a frame does not allocate.
     spare: Vec<Vec<usize>>,
+    /// The shortest time that a frame took to come back.
+    shortest_way: Option<Nanos>,
     next_index: u8,
     /// Since when the first datagram in the queue waits until every frame is back.
     quiet_since: Option<Time<Host>>,
@@ -68,6 +82,8 @@ struct Slot {
     losses: u8,
     alone: bool,
     quiet: bool,
+    with_next: bool,
+    ahead: bool,
     /// No procedure waits for it any more.
     abandoned: bool,
 }
@@ -84,6 +100,9 @@ enum SlotState {
 struct Flight {
     index: u8,
     deadline: Time<Host>,
+    sent: Time<Host>,
+    /// Its length on the wire.
+    octets: usize,
     slots: Vec<usize>,
 }
 
@@ -98,8 +117,10 @@ impl Port {
             slots: Vec::new(),
             free: Vec::new(),
             queue: VecDeque::new(),
+            ahead: 0,
             flights: Vec::new(),
             spare: Vec::new(),
+            shortest_way: None,
             next_index: 0,
             quiet_since: None,
             given_up: 0,
@@ -135,6 +156,8 @@ impl Port {
             losses: 0,
             alone: travel.alone,
             quiet: travel.quiet,
+            with_next: travel.with_next,
+            ahead: travel.ahead,
             abandoned: false,
         };
         let at = match self.free.pop() {
@@ -147,8 +170,25 @@ impl Port {
                 self.slots.len() - 1
             }
         };
-        self.queue.push_back(at);
+        self.push(at);
         at
+    }
+
+    /// Puts a datagram at the end of the queue, or behind those that go ahead if it does so too.
+    fn push(&mut self, at: usize) {
+        if self.slots[at].ahead {
+            self.queue.insert(self.ahead, at);
+            self.ahead += 1;
+        } else {
+            self.queue.push_back(at);
+        }
+    }
+
+    /// Takes the first datagram out of the queue.
+    fn pop(&mut self) -> Option<usize> {
+        let at = self.queue.pop_front()?;
+        self.ahead -= usize::from(self.slots[at].ahead);
+        Some(at)
     }
 
     /// The answer to a datagram, once; inner `None`: it is lost.
@@ -183,10 +223,7 @@ impl Port {
         most: usize,
         statistics: &mut Statistics,
     ) -> Option<usize> {
-        if self.waits_for_quiet(now, 0)
-            || self.queue.is_empty()
-            || self.flights.len() >= MOST_FLIGHTS
-        {
+        if self.waits_for_quiet(now, 0) || self.queue.is_empty() || self.has_enough_in_flight() {
             return None;
         }
         let mut frame = FrameWriter::new(buffer, self.source);
@@ -194,17 +231,21 @@ impl Port {
         let mut slots = self.spare.pop().unwrap_or_default();
         let mut len = HEADERS;
         let mut losses = 0;
+        // Whether the last datagram must be in one frame with the next one.
+        let mut bound = false;
         while let Some(&at) = self.queue.front() {
+            let room = self.front_len();
             let slot = &mut self.slots[at];
             let more = slot.data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
             let first = slots.is_empty();
-            if !first && (slot.alone || slot.quiet || len + more > most) {
+            if !first && !bound && (slot.alone || slot.quiet || len + room > most) {
                 break;
             }
             if frame.push(slot.command, index, slot.address, &slot.data).is_err() {
                 break;
             }
             let alone = slot.alone;
+            bound = slot.with_next;
             slot.state = SlotState::InFlight;
             slot.sent = now;
             slots.push(at);
@@ -229,7 +270,8 @@ impl Port {
         statistics.datagrams += slots.len() as u64;
         // Each repetition waits twice as long, so that a host that slept gets time to wake.
         let patience = Nanos(self.frame_timeout.0 << losses.min(MOST_DOUBLINGS)) + self.longer_way;
-        self.flights.push(Flight { index, deadline: now + patience, slots });
+        let octets = len + AROUND_FRAME;
+        self.flights.push(Flight { index, deadline: now + patience, sent: now, octets, slots });
         Some(frame.finish())
     }
 
@@ -250,6 +292,21 @@ impl Port {
         true
     }
 
+    /// Whether the first datagram in the queue waits until a frame comes back. More frames than
+    /// keep the way full would only queue in front of the wire, and a datagram that goes ahead
+    /// would wait behind them.
+    fn has_enough_in_flight(&self) -> bool {
+        if self.queue.front().is_some_and(|at| self.slots[*at].ahead) {
+            return self.flights.len() >= MOST_FLIGHTS + MOST_AHEAD;
+        }
+        if self.flights.len() >= MOST_FLIGHTS {
+            return true;
+        }
+        let on_the_way: usize = self.flights.iter().map(|flight| flight.octets).sum();
+        let way = self.shortest_way.unwrap_or(self.frame_timeout).0 / NS_PER_OCTET;
+        on_the_way as i64 >= way.saturating_add(IN_RESERVE)
+    }
+
     /// The next index that is not in flight.
     fn free_index(&self) -> u8 {
         let mut index = self.next_index;
@@ -262,9 +319,20 @@ impl Port {
     /// Bytes on the wire of the first datagram in the queue, in a separate frame; `None` if nothing
     /// is queued.
     pub fn first_len(&self) -> Option<usize> {
-        let &at = self.queue.front()?;
-        let len = self.slots[at].data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
-        Some(len + HEADERS)
+        self.queue.front().map(|_| self.front_len() + HEADERS)
+    }
+
+    /// Bytes of the first datagram in the queue and of those that must be in one frame with it.
+    fn front_len(&self) -> usize {
+        let mut len = 0;
+        for &at in &self.queue {
+            let slot = &self.slots[at];
+            len += slot.data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
+            if !slot.with_next {
+                break;
+            }
+        }
+        len
     }
 
     /// Takes the datagrams of a returned frame; `false` if the frame is not ours.
@@ -277,6 +345,8 @@ impl Port {
             return false;
         }
         let mut flight = self.flights.swap_remove(at);
+        let way = self.now - flight.sent;
+        self.shortest_way = Some(self.shortest_way.map_or(way, |known| known.min(way)));
         let mut layouts = Layouts::new();
         for at in flight.slots.drain(..) {
             let Some(Ok(layout)) = layouts.next(payload) else { break };
@@ -333,7 +403,7 @@ impl Port {
                     slot.retries -= 1;
                     slot.losses = slot.losses.saturating_add(1);
                     slot.state = SlotState::Queued;
-                    self.queue.push_back(at);
+                    self.push(at);
                 } else {
                     self.lose(at);
                 }
@@ -397,7 +467,7 @@ impl Port {
     /// Takes the first datagram out of the queue. The next one in the queue still has a waiting
     /// procedure.
     fn next_queued(&mut self) -> Option<usize> {
-        let at = self.queue.pop_front();
+        let at = self.pop();
         self.drop_abandoned();
         at
     }
@@ -407,7 +477,7 @@ impl Port {
         while let Some(&at) = self.queue.front()
             && self.slots[at].abandoned
         {
-            self.queue.pop_front();
+            self.pop();
             self.put_back(at);
         }
     }

@@ -32,9 +32,15 @@ pub(crate) struct FakeMailbox {
     pub before: VecDeque<(Protocol, Vec<u8>)>,
     /// Whether services get no answer.
     pub silent: bool,
+    /// Whether a write that ends before the area opens no buffer, so that the last byte is refused.
+    pub whole_only: bool,
     /// Requests that reached the server.
     pub requests: Vec<Vec<u8>>,
     pub written: Vec<u8>,
+    /// The data that opened SM0, until its last byte is written.
+    open: Option<Vec<u8>>,
+    /// Bytes written to SM0.
+    pub bytes: usize,
     full: Option<Vec<u8>>,
     waiting: VecDeque<Vec<u8>>,
     last: Vec<u8>,
@@ -72,16 +78,30 @@ impl FakeMailbox {
                     self.waiting.push_front(newer);
                 }
             }
+            0x1000 if data.len() < 48 => {
+                self.open = Some(data.to_vec()).filter(|_| !self.whole_only);
+                self.bytes += data.len();
+            }
             0x1000 => {
-                let header = Header::parse(data.first_chunk().unwrap());
-                if header.counter != self.last_request {
-                    self.last_request = header.counter;
-                    self.serve(&data[6..6 + usize::from(header.length)]);
-                }
+                self.bytes += data.len();
+                self.take(data);
+            }
+            0x102F => {
+                let Some(head) = self.open.take() else { return Some(false) };
+                self.bytes += 1;
+                self.take(&head);
             }
             _ => return None,
         }
         Some(true)
+    }
+
+    fn take(&mut self, message: &[u8]) {
+        let header = Header::parse(message.first_chunk().unwrap());
+        if header.counter != self.last_request {
+            self.last_request = header.counter;
+            self.serve(&message[6..6 + usize::from(header.length)]);
+        }
     }
 
     fn put(&mut self, protocol: Protocol, service: &[u8]) {
@@ -270,4 +290,27 @@ fn descriptions_in_fragments_are_put_together() {
     let (description, name) = bench.run(coe::object_description(&mut mailbox, 0x1C32)).unwrap();
     assert_eq!((description.index, description.max_sub), (0x1C32, 32));
     assert_eq!(name, "SM out");
+}
+
+/// A message that leaves 26 bytes or more of the mailbox unused is written without them. A message
+/// that is one byte longer is written as long as the mailbox.
+#[test]
+fn unused_room_is_left_out_where_it_pays() {
+    for (len, bytes) in [(6, 22 + 1), (7, 48)] {
+        let (mut bench, mut mailbox) = bench();
+        bench.run(mailbox.coe(&vec![0; len + 10], |_| true)).unwrap();
+        assert_eq!(server(&mut bench).bytes, bytes, "{len}");
+    }
+}
+
+/// A SyncManager that does not take a message in two parts gets this message and all others whole.
+#[test]
+fn a_mailbox_that_takes_no_parts_is_written_as_a_whole() {
+    let (mut bench, mut mailbox) = bench();
+    server(&mut bench).whole_only = true;
+    for _ in 0..2 {
+        assert_eq!(bench.run(coe::upload(&mut mailbox, SHORT, false)), Ok(vec![1, 2, 3, 4]));
+    }
+    assert_eq!(server(&mut bench).requests.len(), 2);
+    assert_eq!(server(&mut bench).bytes, 16 + 48 + 48, "one in vain, then whole ones");
 }

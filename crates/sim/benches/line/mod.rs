@@ -266,7 +266,9 @@ impl Line {
 
     /// Passes a frame of the bring-up and waits until it is over everywhere.
     fn pass(&mut self, bytes: &mut [u8]) {
-        self.segment.pass(bytes, self.now, &mut isocat_sim::Watcher::blind()).expect("no cable is disturbed");
+        self.segment
+            .pass(bytes, self.now, &mut isocat_sim::Watcher::blind())
+            .expect("no cable is disturbed");
         self.now += self.segment.path().round_trip;
         self.now += Picos(1_000_000_000);
     }
@@ -398,4 +400,3 @@ pub fn run_cycles(world: &mut World<Motion, NoTap>, cycles: u64) -> u64 {
     }
     world.main().statistics().working_counter_errors - before
 }
-

@@ -132,7 +132,9 @@ fn exchange(host: &mut HostMachine, segment: &mut Segment, at: Time<True>) -> Ex
     let data = writer.push(Command::Armw, 0, to, &[0; 8]).expect("a frame has room");
     let len = writer.finish();
     let start = host.send(MainPort::Primary, at, len);
-    let returned = segment.pass(&mut bytes[..len], start, &mut isocat_sim::Watcher::blind()).expect("nothing is pulled");
+    let returned = segment
+        .pass(&mut bytes[..len], start, &mut isocat_sim::Watcher::blind())
+        .expect("nothing is pulled");
     let way = segment.path().entries[0].after;
     let dc = bytes[data..].first_chunk().map_or(0, |raw| u64::from_le_bytes(*raw));
     let back = host.receive(returned.last_bit);

@@ -8,9 +8,9 @@ use super::timeline::{Action, Active, Happened, Timeline, Undo};
 use super::{Fault, FrameFault, Whose};
 use crate::disturbance::Disturbances;
 use crate::host::HostMachine;
-use crate::watcher::Watcher;
 use crate::random::Stream;
 use crate::segment::Segment;
+use crate::watcher::Watcher;
 
 /// The objects that faults change.
 pub(crate) struct Scene<'a> {
@@ -27,12 +27,7 @@ const AHEAD: Picos = Picos(2_000_000_000);
 
 impl Timeline {
     /// Applies all faults that are due at `now`.
-    pub(crate) fn happen(
-        &mut self,
-        now: Time<True>,
-        scene: &mut Scene<'_>,
-        watch: &mut Watcher,
-    ) {
+    pub(crate) fn happen(&mut self, now: Time<True>, scene: &mut Scene<'_>, watch: &mut Watcher) {
         while let Some((at, action)) = self.take(now, now + AHEAD) {
             match action {
                 Action::Begin { fault, lasts } => self.begin(at, fault, lasts, scene, watch),
@@ -164,13 +159,7 @@ impl Timeline {
         }
     }
 
-    fn end(
-        &mut self,
-        at: Time<True>,
-        id: u64,
-        scene: &mut Scene<'_>,
-        watch: &mut Watcher,
-    ) {
+    fn end(&mut self, at: Time<True>, id: u64, scene: &mut Scene<'_>, watch: &mut Watcher) {
         let Some(number) = self.active.iter().position(|active| active.id == id) else { return };
         let Active { fault, undo, .. } = self.active.remove(number);
         let wired = scene.wired(at);

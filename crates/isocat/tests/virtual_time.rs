@@ -149,7 +149,10 @@ fn a_series_has_the_figures_of_the_summary_one_by_one() {
         let told = &device["sync0_margin"];
         let least = margins.iter().copied().reduce(f64::min);
         assert_eq!(least, told["min_ns"].as_f64(), "SubDevice {place}");
-        assert_eq!(margins.len() as u64, told["count"].as_u64().unwrap_or(0), "SubDevice {place}");
+        // A pulse behind the last frame with process data has no row any more.
+        let count = told["count"].as_u64().unwrap_or(0);
+        let rows = margins.len() as u64;
+        assert!(rows == count || rows + 1 == count, "SubDevice {place}: {rows} of {count}");
     }
     let output = isocat(&["virtual", "--series", "series.txt", "--", "true"]);
     let errors = String::from_utf8_lossy(&output.stderr);

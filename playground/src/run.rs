@@ -206,7 +206,7 @@ struct Onlooker {
 }
 
 /// Number of frames between two samples of the clocks on the way up.
-const SAMPLE: usize = 32;
+const SAMPLE: usize = 8;
 /// Largest number of events that are kept.
 const MOST_EVENTS: usize = 400_000;
 /// Clocks that differ by more are not set yet, ps.

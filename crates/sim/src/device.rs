@@ -520,14 +520,7 @@ impl Device {
         let pdi = &mut self.esc.pdi(at);
         let started = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
         let pulse = self.stack.take_unacknowledged().then_some(event);
-        match started.made {
-            Some(kept) if pulse.is_none() && self.cpu.is_even() => {
-                let plan = kept.get_or_insert(Plan::NONE);
-                self.cpu.plan(started.steps, None, plan);
-                self.cpu.put(at, plan, 0, false);
-            }
-            _ => self.cpu.start(at, started.steps, pulse),
-        }
+        self.cpu.start(at, started.steps, pulse);
         if samples {
             self.tell_samples(at, watch);
         }

@@ -1,4 +1,4 @@
-//! Collects the events of SubDevices for whoever watches a segment.
+//! Collects the events of SubDevices that the observer of a segment needs.
 
 use isocat_subdevice::Step;
 

@@ -26,7 +26,7 @@ use crate::segment::{SubDevice, SyncEntry, SyncObject};
 
 /// CoE details bit of the SII: the device supports complete access.
 const COMPLETE_ACCESS: u8 = 1 << 5;
-/// One in so many devices of a kind is asked for everything.
+/// Of this number of devices of a kind, one is asked for everything.
 const ONE_IN: usize = 16;
 /// Devices of a kind that are asked for everything first.
 const WITNESSES: usize = 2;

@@ -1,9 +1,9 @@
 //! A SubDevice in regular operation: nothing happens but ends of cyclic frames, SYNC pulses, and
 //! the steps that they start, one after another.
 //!
-//! Before anything else is due, nobody looks at the watchdogs and timeouts, so that they are set
-//! once at the end. Whatever is not regular is left to [`Device::live`], which can take over after
-//! each event and each step.
+//! As long as nothing else is due, watchdogs and timeouts are not checked, so that the PDI watchdog
+//! is restarted only once, at the end. Everything irregular is left to [`Device::live`], which can
+//! take over after each event and each step.
 
 use isocat_esc::EscEvent;
 use isocat_subdevice::{Event, Step};

@@ -106,7 +106,7 @@ impl Segment {
             // A write of the previous frame may change the reception of this one.
             device.advance(device.oscillator().read(at + Picos(-EARLIEST.0)), watch);
         }
-        let at = self.received(number, port, at);
+        let at = self.received((number, port), at, flight.duration);
         let (after, arrival) = (at - flight.start, Arrival { after: at - flight.start, ..arrival });
         let device = &mut self.devices[number];
         let begin: Time<DeviceClock> = device.oscillator().read(at);

@@ -71,6 +71,12 @@ impl Loops {
     }
 }
 
+/// The least gap between two frames: a nibble of MII, and more than a tick of an ESC.
+const LEAST_GAP: Picos = Picos(40_000);
+/// By how much a frame is put off at most. One that a fault has held up by more does not keep
+/// others back.
+const MOST_PUT_OFF: Picos = Picos(1_000_000);
+
 /// The next port in the order.
 fn next(port: PortNumber) -> PortNumber {
     match port {
@@ -99,6 +105,7 @@ struct Step {
     takes: Picos,
     edges: Edges,
     device: usize,
+    port: PortNumber,
     /// Whether it is the next one of the entries; otherwise of the returns.
     entry: bool,
 }
@@ -109,6 +116,36 @@ pub(crate) struct Reception {
     pub edges: Edges,
     /// How much earlier than by the delays of the chip.
     pub sooner: Picos,
+}
+
+/// Until when the last frame occupies the ports of each SubDevice.
+///
+/// Where hops jitter, the gap between two frames changes by a period at some of them, so behind a
+/// thousand hops it may be used up. A port takes no frame before the one before it is through, and
+/// its ESC has seen its end.
+#[derive(Debug)]
+pub(crate) struct Ports(Vec<[Time<True>; 4]>);
+
+impl Ports {
+    /// Ports of so many SubDevices, without frames.
+    pub fn new(devices: usize) -> Self {
+        Self(vec![[Time::ZERO; 4]; devices])
+    }
+
+    /// Takes a frame of this duration that arrives at `at` at a port; returns when it does, if the
+    /// port is not free yet.
+    #[inline]
+    pub fn take(
+        &mut self,
+        (device, port): (usize, PortNumber),
+        at: Time<True>,
+        duration: Picos,
+    ) -> Time<True> {
+        let free = &mut self.0[device][port.index()];
+        let at = if at + MOST_PUT_OFF < *free { at } else { at.max(*free) };
+        *free = at + duration + LEAST_GAP;
+        at
+    }
 }
 
 /// All arrivals of one frame, in the order of time, and its way back.
@@ -175,7 +212,7 @@ impl Path {
             at -= sooner;
             let arrival = Arrival { device, port, after: at };
             let entry = turn.processed;
-            path.steps.push(Step { takes: at - before, edges, device, entry });
+            path.steps.push(Step { takes: at - before, edges, device, port, entry });
             before = at;
             let stay = wiring.stay(device);
             if turn.processed {
@@ -195,11 +232,12 @@ impl Path {
         path
     }
 
-    /// Sets all arrivals and the round trip to those of a frame that leaves the MainDevice at
-    /// `start`; `oscillator` returns the oscillator of a SubDevice.
+    /// Sets all arrivals and the round trip to those of a frame of this `duration` that leaves the
+    /// MainDevice at `start`; `oscillator` returns the oscillator of a SubDevice.
     pub(crate) fn time<'a>(
         &mut self,
-        start: Time<True>,
+        (start, duration): (Time<True>, Picos),
+        ports: &mut Ports,
         oscillator: impl Fn(usize) -> &'a Oscillator,
     ) {
         if self.steps.is_empty() {
@@ -210,6 +248,7 @@ impl Path {
         for step in &self.steps {
             at += step.takes;
             at += step.edges.wait(oscillator(step.device), start + at);
+            at = ports.take((step.device, step.port), start + at, duration) - start;
             let arrival = if step.entry { entries.next() } else { returns.next() };
             if let Some(arrival) = arrival {
                 arrival.after = at;

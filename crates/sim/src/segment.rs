@@ -15,7 +15,7 @@ use crate::fault::RING_CABLE;
 use crate::flight::{Flight, duration};
 use crate::jitter::{self, Edges};
 use crate::next_frame::NextFrame;
-use crate::path::{Arrival, Loops, Path, Reception};
+use crate::path::{Arrival, Loops, Path, Ports, Reception};
 use crate::plant::{Acted, PlantSetup};
 use crate::probe::{Probed, Probes, Sight};
 use crate::watcher::Watcher;
@@ -80,6 +80,7 @@ pub struct Segment {
     pub(crate) wiring: Wiring,
     /// By SubDevice: phase of the clock that takes frames from the wire.
     receive_phases: Vec<u64>,
+    ports: Ports,
     pub(crate) disturbances: Disturbances,
     /// The way of frames from each MainDevice port, as last computed from the loops.
     pub(crate) paths: [Path; 2],
@@ -183,6 +184,7 @@ impl Segment {
             probes: Probes::default(),
             lane: true,
             receive_phases: (0..count).map(|position| jitter::phase(seed, position)).collect(),
+            ports: Ports::new(count),
             wiring,
         };
         for cable in 0..segment.wiring.cables() {
@@ -487,7 +489,7 @@ impl Segment {
         self.unsettled |= may_change_loops(bytes);
         let duration = duration(bytes.len());
         let (path, devices) = (&mut self.paths[from as usize], &self.devices);
-        path.time(start, |device| devices[device].oscillator());
+        path.time((start, duration), &mut self.ports, |device| devices[device].oscillator());
         let round_trip = path.round_trip;
         let last_bit = start + round_trip + duration;
         let quiet = !self.unsettled && self.disturbances.are_quiet(start, last_bit);
@@ -891,10 +893,17 @@ impl Segment {
 
     /// When a port of a SubDevice forwards a frame that arrives at `at` by the delays of the
     /// wiring.
-    pub(crate) fn received(&self, device: usize, port: PortNumber, at: Time<True>) -> Time<True> {
+    pub(crate) fn received(
+        &mut self,
+        (device, port): (usize, PortNumber),
+        at: Time<True>,
+        duration: Picos,
+    ) -> Time<True> {
         let Reception { edges, sooner } = self.reception(device, port);
         let at = at + Picos(-sooner.0);
-        at + edges.wait(self.devices[device].oscillator(), at)
+        let at = at + edges.wait(self.devices[device].oscillator(), at);
+        // Without jitter gaps stay as they are.
+        if edges.are_there() { self.ports.take((device, port), at, duration) } else { at }
     }
 
     /// Computes the ways of frames at `at` again.

@@ -331,22 +331,13 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
             .await?;
     leave_out(work, failures).await;
     if let (Some(phase), Some(reference)) = (phase, work.segment.reference) {
-        let now = sync::reference_now(link, &work.segment.devices[reference]).await?;
-        // The acting pulses of all devices lie on one grid, so on the same points of it at all of
-        // them.
-        let common = sync::grid(&work.segment, config.cycle);
-        let failures = each(config, &mut work.segment, |device| {
-            Box::pin(async move {
-                if !device.mode.uses_dc() {
-                    return Ok(());
-                }
-                let grid = common.unwrap_or(sync::own_grid(device, config.cycle));
-                let acting = grid.start(now, config.timeouts.sync_lead, phase);
-                sync::program(link, device, acting).await
-            })
-        })
-        .await?;
-        leave_out(work, failures).await;
+        let whole = config.timeouts.sync_lead;
+        let short = sync::short_lead(&work.segment).min(whole);
+        start_sync(work, reference, phase, short).await?;
+        // A host that stalled meanwhile gets a second try.
+        if short < whole && !sync_is_ahead(link, &work.segment, reference).await? {
+            start_sync(work, reference, phase, whole).await?;
+        }
     }
 
     work.enter(Stage::SafeOp);
@@ -366,6 +357,38 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
     .await?;
     leave_out(work, failures).await;
     Ok(())
+}
+
+/// Programs all SYNC units: their pulses begin when `lead` has passed.
+async fn start_sync(
+    work: &mut Work,
+    reference: usize,
+    phase: Nanos,
+    lead: Nanos,
+) -> Result<(), Cause> {
+    let (link, config) = (work.link.clone(), work.config.clone());
+    let (link, config) = (&link, &*config);
+    let now = sync::reference_now(link, &work.segment.devices[reference]).await?;
+    // The acting pulses of all devices lie on one grid, so on the same points of it at all of them.
+    let common = sync::grid(&work.segment, config.cycle);
+    let failures = each(config, &mut work.segment, |device| {
+        Box::pin(async move {
+            if !device.mode.uses_dc() {
+                return Ok(());
+            }
+            let grid = common.unwrap_or(sync::own_grid(device, config.cycle));
+            sync::program(link, device, grid.start(now, lead, phase)).await
+        })
+    })
+    .await?;
+    leave_out(work, failures).await;
+    Ok(())
+}
+
+/// Whether all first pulses are still to come.
+async fn sync_is_ahead(link: &Link, segment: &Segment, reference: usize) -> Result<bool, Cause> {
+    let now = sync::reference_now(link, &segment.devices[reference]).await?;
+    Ok(segment.devices.iter().filter_map(|device| device.sync).all(|setting| setting.start > now))
 }
 
 async fn operation(work: &mut Work) -> Result<(), Cause> {

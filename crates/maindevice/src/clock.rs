@@ -61,7 +61,7 @@ pub(crate) async fn synchronize(
     }
     let by_then = link.now() + writing - sent;
     set_offsets(segment, reference, &lines.at(latched + by_then.0));
-    write(link, config, segment, Nanos::ZERO, locking_depth(config)).await?;
+    write(link, config, segment, Nanos::ZERO, locking_depth(segment, config)).await?;
     if config.drift_compensation {
         converge(link, config, segment, reference, beside).await?;
     }

@@ -382,8 +382,9 @@ pub struct Timeouts {
     /// For the host's phase to lock onto the reference clock. Default 20 s, or four times the
     /// cycles that locking takes if that is longer.
     pub phase: Nanos,
-    /// The lead of the start time: from programming SYNC0 until the first pulse. Default 100 ms:
-    /// time to program all devices, as other MainDevices have it.
+    /// The longest lead of the start time: from programming SYNC0 until the first pulse. Default
+    /// 100 ms, as other MainDevices have it. On the way up a shorter one is tried first, which
+    /// suffices unless the host stalls: 20 ms and 200 us for each SubDevice.
     pub sync_lead: Nanos,
 }
 

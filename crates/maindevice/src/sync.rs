@@ -241,6 +241,12 @@ pub(crate) async fn reference_now(
     })
 }
 
+/// A lead of the start time that suffices for programming all SYNC units, unless the host stalls.
+pub(crate) fn short_lead(segment: &Segment) -> Nanos {
+    let synced = segment.devices.iter().filter(|device| device.mode.uses_dc()).count();
+    SHORT_LEAD + Nanos(LEAD_PER_DEVICE.0.saturating_mul(synced as i64))
+}
+
 /// Programs the SYNC unit: off, owner, cycles, start time, on. The cycles are one write of eight
 /// bytes, and each step takes effect before the next. `acting`: a point of the acting pulses' grid.
 pub(crate) async fn program(
@@ -415,6 +421,12 @@ fn sync1_runs(
 fn time(bytes: &[u8]) -> Time<Dc> {
     Time::new(bytes.first_chunk().map_or(0, |bytes| u64::from_bytes(*bytes)))
 }
+
+/// The part of a short lead that does not depend on the number of SubDevices.
+const SHORT_LEAD: Nanos = Nanos::millis(20);
+/// The part for each SubDevice: five accesses of some 20 us on the wire, all SubDevices beside each
+/// other.
+const LEAD_PER_DEVICE: Nanos = Nanos::micros(200);
 
 /// Register 0x0980 bit 0.
 const SYNC_OWNED_BY_PDI: u8 = 1;

@@ -12,7 +12,7 @@ use isocat_wire::time::{Host, Nanos, Time};
 use super::drift_frames::{
     Burst, followers, hasten, limits, noise_behind, read_differences, reading_interval,
 };
-use super::pace::Pace;
+use super::pace::{MOVED, Pace};
 use super::settings::{depths, locking_depth, set_filter};
 use crate::config::Config;
 use crate::error::Cause;
@@ -37,7 +37,7 @@ pub(super) async fn converge(
 ) -> Result<(), Cause> {
     let begin = link.now();
     let end = begin + config.timeouts.drift;
-    let noise = noise_behind(segment, config, locking_depth(config));
+    let noise = noise_behind(segment, config, locking_depth(segment, config));
     let (difference, speed) = depths(segment, config);
     let most = followers(segment, reference).iter().map(|(at, _)| noise[*at]).max();
     let most = most.unwrap_or_default();
@@ -114,15 +114,27 @@ async fn lead(
     noise: &[Nanos],
 ) -> Result<Led, Cause> {
     let Way { pace, tried, end, beside } = way;
-    let begin = link.now();
     let clocks = followers(segment, reference);
-    let limits: Vec<_> = clocks.iter().map(|(at, _)| limits(config, noise[*at])).collect();
+    let steady = steady(config, depths(segment, config).1);
+    let limit = |noise| {
+        let limits = limits(config, noise);
+        Limits { slope_ppb: limits.slope_ppb.min(steady), ..limits }
+    };
+    let limits: Vec<_> = clocks.iter().map(|(at, _)| limit(noise[*at])).collect();
     let mut judged: Vec<_> = limits.iter().map(|limits| Convergence::new(*limits)).collect();
     let count = clocks.len() as u16 + 1;
     let station = segment.devices[reference].station;
     let mut burst = Burst::new(link, station, count, pace);
     let noise = clocks.iter().map(|(at, _)| noise[*at]).max().unwrap_or_default();
     let interval = reading_interval(noise);
+    let mut begin = link.now();
+    if pace.begins_far() {
+        let hurry = end.min(begin + APPROACH);
+        approach(link, segment, &clocks, &limits, &mut burst, (begin + pace.learns(), hurry))
+            .await?;
+        begin = link.now() + -pace.learns();
+    }
+    burst.begin(begin);
     let learned = begin + pace.lasts();
     let window = Nanos(interval.0 * READINGS);
     // Earlier readings would only show that the clocks still move.
@@ -132,6 +144,10 @@ async fn lead(
         // While others have the wire, clocks that have converged are read seldom.
         loop {
             let is_late = converged && beside.load(Ordering::Relaxed);
+            // There is time to let loops learn their speeds from longer intervals.
+            if is_late {
+                burst.stretch(config.cycle.min(SHORT_CYCLE));
+            }
             let due = if is_late { next_reading + RARELY } else { next_reading };
             if link.now() >= due {
                 break;
@@ -172,10 +188,53 @@ async fn lead(
     }
 }
 
+/// Sends drift frames at the shortest interval until every clock is near the reference: their loops
+/// learn their speeds, and then lose the phase that the clocks have gained meanwhile. `from`: when
+/// loops may know their speeds; `end`: when it ends at the latest.
+async fn approach(
+    link: &Link,
+    segment: &mut Segment,
+    clocks: &[(usize, StationAddress)],
+    limits: &[Limits],
+    burst: &mut Burst<'_>,
+    (from, end): (Time<Host>, Time<Host>),
+) -> Result<(), Cause> {
+    let mut next_reading = from;
+    loop {
+        burst.until(next_reading).await?;
+        let asked = link.now();
+        let readings = read_differences(link, clocks).await?;
+        let took = link.now() - asked;
+        next_reading =
+            (asked + APPROACH_READING).max(link.now() + Nanos(PULLING_PER_READING * took.0));
+        let mut are_near = true;
+        for (((device, _), limits), (_, difference)) in clocks.iter().zip(limits).zip(readings) {
+            let device = &mut segment.devices[*device];
+            let difference = difference.nanos(device.difference_polarity);
+            device.difference = Some(difference);
+            are_near &= difference.abs() <= limits.mean + limits.noise + limits.noise;
+        }
+        if are_near || next_reading >= end {
+            return Ok(());
+        }
+    }
+}
+
+/// The slope, ns per second, with which a clock moves by [`MOVED`] until its loop has corrected it
+/// with the frames of the cycle: speeds are averaged over 2^`depth` of them.
+fn steady(config: &Config, depth: u8) -> i64 {
+    MOVED.0 * 1_000_000_000 / (config.cycle.0 << depth.min(15)).max(1)
+}
+
 /// Noise of 0x092C (1 sigma) from which on clocks do not lock at short intervals.
 const NOISY: Nanos = Nanos(20);
 /// Clocks of longer cycles first lock as those of this one do.
 const SHORT_CYCLE: Nanos = Nanos::millis(1);
+/// Longest time in which all clocks come near at the shortest interval. A loop whose phase takes
+/// 2048 frames by a factor of e comes from 160 ns to 14 in it.
+const APPROACH: Nanos = Nanos(250_000_000);
+/// Time from one reading to the next meanwhile.
+const APPROACH_READING: Nanos = Nanos(4_000_000);
 /// Readings that a verdict needs.
 const READINGS: i64 = 16;
 /// A clock beyond this multiple of the limit of the mean does not come into step by waiting.

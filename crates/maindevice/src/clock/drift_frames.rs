@@ -45,21 +45,37 @@ pub(super) struct Burst<'a> {
     count: u16,
     /// Time from one frame to the next.
     pace: Pace,
-    begin: Time<Host>,
+    /// When intervals began; `None` while they stay the shortest.
+    begin: Option<Time<Host>>,
     in_flight: Vec<Exchange>,
 }
 
 impl<'a> Burst<'a> {
-    /// A burst from the clock at `station` at a pace that begins now, each frame with the working
-    /// counter `count`.
+    /// A burst from the clock at `station`, each frame with the working counter `count`. Intervals
+    /// are the shortest of the pace until it begins.
     pub fn new(link: &'a Link, station: StationAddress, count: u16, pace: Pace) -> Self {
-        Self { link, station, count, pace, begin: link.now(), in_flight: Vec::new() }
+        Self { link, station, count, pace, begin: None, in_flight: Vec::new() }
+    }
+
+    /// Lets the pace begin, as if it had begun at this instant.
+    pub fn begin(&mut self, at: Time<Host>) {
+        self.begin = Some(at);
+    }
+
+    /// Lets intervals grow further than their pace does, as far as the `cycle`.
+    pub fn stretch(&mut self, cycle: Nanos) {
+        if let Some(begin) = self.begin {
+            self.pace = self.pace.stretched(self.link.now() - begin, cycle);
+        }
     }
 
     /// Sends one frame each pace until `end`. A lost frame does not delay the others.
     pub async fn until(&mut self, end: Time<Host>) -> Result<(), AccessError> {
         while self.link.now() < end {
-            let next = self.link.now() + self.pace.at(self.link.now() - self.begin);
+            let now = self.link.now();
+            let interval =
+                self.begin.map_or(self.pace.shortest(), |begin| self.pace.at(now - begin));
+            let next = now + interval;
             if self.in_flight.len() < IN_FLIGHT {
                 self.in_flight.push(drift_frame(self.link, self.station));
             }

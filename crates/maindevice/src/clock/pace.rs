@@ -5,8 +5,10 @@ use isocat_wire::time::Nanos;
 /// Intervals that begin short and grow with the time that has passed.
 ///
 /// An interval is as short as at the start until a loop that averages speeds over 2^(0x0935) frames
-/// has seen four times as many. From then on it is always that part of the time passed: a loop with
-/// such frames forgets nothing too early and keeps nothing too long.
+/// has seen four times as many, and until the phase is gone that the clock has gained meanwhile:
+/// what is left of it goes with the number of frames, so short intervals are the fastest. From then
+/// on it is always the same part of the time passed: a loop with such frames forgets nothing too
+/// early and keeps nothing too long.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Pace {
     /// The part of the time passed that an interval takes.
@@ -41,9 +43,30 @@ impl Pace {
         Self { before: other.lasts(), ..self }
     }
 
+    /// The shortest interval, with which it begins.
+    pub const fn shortest(&self) -> Nanos {
+        self.shortest
+    }
+
+    /// Whether clocks may be far from the reference at the beginning.
+    pub fn begins_far(&self) -> bool {
+        self.shortest < self.longest && self.before == Nanos::ZERO
+    }
+
+    /// The time until a loop knows its speed from the shortest intervals, and they may grow.
+    pub fn learns(&self) -> Nanos {
+        Nanos(self.part.saturating_mul(self.shortest.0))
+    }
+
     /// The interval when so much time has passed.
     pub fn at(&self, passed: Nanos) -> Nanos {
         Nanos((passed + self.before).0 / self.part).max(self.shortest).min(self.longest)
+    }
+
+    /// The pace that goes on growing as far as that of the `cycle`, when so much time has passed.
+    pub fn stretched(self, passed: Nanos, cycle: Nanos) -> Self {
+        let reached = Nanos((passed + self.before).0 / self.part).min(cycle);
+        Self { longest: self.longest.max(reached), ..self }
     }
 
     /// The time until intervals grow no more, 0.5 s at most. With long cycles and deep filters it
@@ -68,7 +91,7 @@ const SHORTEST: Nanos = Nanos(50_000);
 const SLOW: Nanos = Nanos(1_000_000);
 
 /// How far a clock may move when the cycle's own frames take over.
-const MOVED: Nanos = Nanos(20);
+pub(super) const MOVED: Nanos = Nanos(20);
 
 /// Noise of the ticks of two clocks behind the filter, with a reserve.
 const LEAST_NOISE: Nanos = Nanos(3);
@@ -99,6 +122,31 @@ mod tests {
         assert_eq!(longest(1_000, 4), Nanos::micros(200));
         assert_eq!([longest(4_000, 20), longest(4_000, 21)], [Nanos::micros(4_000); 2]);
         assert_eq!(longest(10, 20), SHORTEST);
+    }
+
+    #[test]
+    fn a_pace_can_be_stretched_as_far_as_the_time_passed() {
+        let pace = Pace::new(Nanos::millis(1), 6, Nanos(3));
+        let longest = |ms, cycle| {
+            let stretched = pace.stretched(Nanos::millis(ms), Nanos::micros(cycle));
+            stretched.at(Nanos::millis(60_000))
+        };
+        assert_eq!(longest(30, 1_000), Nanos::micros(150), "it is no shorter than it was");
+        assert_eq!(longest(64, 1_000), Nanos::micros(250));
+        assert_eq!([longest(256, 1_000), longest(999, 1_000)], [Nanos::micros(1_000); 2]);
+        assert_eq!(longest(999, 100), Nanos::micros(150));
+    }
+
+    #[test]
+    fn clocks_come_near_before_intervals_grow() {
+        let pace = Pace::new(Nanos::millis(1), 6, Nanos(3));
+        assert_eq!((pace.shortest(), pace.learns()), (SHORTEST, Nanos::micros(12_800)));
+        assert_eq!(pace.at(pace.learns()), SHORTEST);
+        assert!(pace.begins_far());
+        // Where intervals can't grow, or have grown, nothing is gained by it.
+        assert!(!pace.settled().begins_far());
+        assert!(!Pace::new(Nanos::millis(4), 6, Nanos(3)).behind(pace).begins_far());
+        assert!(!Pace::new(Nanos::micros(10), 6, Nanos(3)).begins_far());
     }
 
     #[test]

@@ -92,8 +92,18 @@ fn quiet_depth(segment: &Segment, config: &Config) -> u8 {
 
 /// Depth of 0x0934 while clocks lock, unless another one is configured. The depth of 0x0935 is
 /// already that of the cycle, since newer chips forget the speed when it is written.
-pub(super) fn locking_depth(config: &Config) -> u8 {
-    config.drift_filters.difference.map_or(LOCKING_DEPTH, |asked| asked.min(15))
+///
+/// Where hops jitter it is so deep that the mean changes by about 1 ns from frame to frame. In 50
+/// us a loop can correct 2.4 ns (1 / 20490, the range of 0x0932); it would take larger changes for
+/// jumps, and its clock would wander. But the mean is no longer than that of speeds, or the loop
+/// swings.
+pub(super) fn locking_depth(segment: &Segment, config: &Config) -> u8 {
+    if let Some(asked) = config.drift_filters.difference {
+        return asked.min(15);
+    }
+    let noise = delay::noise(segment, config.hop_jitter).into_iter().max().unwrap_or_default();
+    let depth = noise.0.checked_ilog2().map_or(0, |log| log + 1) as u8;
+    depth.max(LOCKING_DEPTH).min(depths(segment, config).1.max(LOCKING_DEPTH))
 }
 
 /// Depths of 0x0934 and 0x0935 while a clock joins. The depth for the speed is already that of the
@@ -107,8 +117,8 @@ fn joining_depths(segment: &Segment, config: &Config) -> [u8; 2] {
     [filters.difference.unwrap_or(usual), speed]
 }
 
-/// Depth of 0x0934 while clocks lock: the mean is over a fourth of the frames that speeds are
-/// averaged over, or fewer, so that the loop does not swing.
+/// Depth of 0x0934 while clocks lock, where hops do not jitter: the mean is over a fourth of the
+/// frames that speeds are averaged over, or fewer.
 const LOCKING_DEPTH: u8 = 4;
 
 /// The same where hops jitter by more than [`NOISY`] (1 sigma).

@@ -314,6 +314,53 @@ fn datagrams_that_travel_together_are_in_one_frame() {
     }
 }
 
+/// Sends what may leave now; the offsets (ADO) of the datagrams of each frame.
+fn send(bench: &Bench) -> Vec<Vec<u16>> {
+    let mut buffer = [0; MAX_LEN];
+    let mut frames = Vec::new();
+    while let Some(len) = bench.link.with(|shared| shared.transmit(bench.now, &mut buffer, MAX_LEN))
+    {
+        let payload = frame::payload(&buffer[..len]).unwrap();
+        let datagrams = isocat_wire::datagram::datagrams(payload);
+        frames.push(datagrams.map(|datagram| datagram.unwrap().header.ado()).collect());
+    }
+    frames
+}
+
+/// Datagrams that go ahead leave before all that were queued earlier, in their own order.
+#[test]
+fn datagrams_go_ahead_of_those_queued_before() {
+    let bench = Bench::new(1);
+    let (link, ahead) = (bench.link.clone(), bench.link.ahead());
+    let _first = [link.fprd(STATION, 0x0001, 2), ahead.fprd(STATION, 0x0101, 2)];
+    let _then = [link.fprd(STATION, 0x0002, 2), ahead.fprd(STATION, 0x0102, 2)];
+    assert_eq!(send(&bench), [[0x0101, 0x0102, 0x0001, 0x0002]]);
+    let _last = [link.fprd(STATION, 0x0003, 2), ahead.fprd(STATION, 0x0103, 2)];
+    assert_eq!(send(&bench), [[0x0103, 0x0003]]);
+}
+
+/// Beyond what fills the way, which takes no time here, 3 000 octets are in flight: three frames of
+/// 1 000 octets and not a fourth, four of 999. What goes ahead leaves all the same.
+#[test]
+fn no_more_is_in_flight_than_fills_the_way() {
+    for (octets, fits) in [(1_000, 3), (999, 4)] {
+        let mut bench = Bench::new(1);
+        let link = bench.link.clone();
+        bench.run(link.fprd(STATION, 0x0130, 2).expect(1)).unwrap();
+        let alone = Travel { alone: true, ..Travel::default() };
+        let read = |number| {
+            // Without the headers of the frame and the datagram, and what is around a frame.
+            let data = std::vec![0; octets - HEADERS - 24 - 12];
+            link.exchange(Command::Fprd, Address::Station(STATION, number), data, alone)
+        };
+        let _all: Vec<_> = (0..9).map(read).collect();
+        assert_eq!(send(&bench).len(), fits, "{octets} octets each");
+        assert!(send(&bench).is_empty());
+        let _ahead = link.ahead().fprd(STATION, 0x0130, 2);
+        assert_eq!(send(&bench), [[0x0130]]);
+    }
+}
+
 /// A quiet datagram begins a frame, and leaves when the frames before it are back. Frames of the
 /// cycle count too. Without such an instant it is lost, to the nanosecond.
 #[test]

@@ -273,3 +273,104 @@ pub(super) async fn read_as(
     [device.output_sync, device.input_sync] = all;
     Ok(true)
 }
+
+#[cfg(test)]
+mod tests {
+    use alloc::string::String;
+    use alloc::vec;
+
+    use isocat_wire::coe::AbortCode;
+    use isocat_wire::coe::info::{Access, EntryDescription};
+
+    use super::*;
+    use crate::segment::{Identity, station_of};
+
+    /// An entry of a sync object, with a description of `bits`; the access does not matter here.
+    fn entry(sub: u8, bits: u16, value: &[u8]) -> SyncEntry {
+        let access = Access(0x07);
+        let (index, value_info, data_type) = (OUTPUT_PARAMETER, 0, 6);
+        let description = EntryDescription { index, sub, value_info, data_type, bits, access };
+        SyncEntry {
+            sub,
+            description: Some((description, String::new())),
+            value: Ok(value.to_vec()),
+        }
+    }
+
+    fn object(entries: &[SyncEntry]) -> SyncObject {
+        SyncObject { entries: entries.to_vec(), ..SyncObject::default() }
+    }
+
+    fn template(entries: &[SyncEntry]) -> Option<Template> {
+        let object = object(entries);
+        let places = places(&object).unwrap();
+        Some([Some(Layout { object, places, len: 8 }), None])
+    }
+
+    fn device(position: usize, revision: u32, coe_details: u8) -> SubDevice {
+        let mut device = SubDevice::new(position, station_of(position));
+        device.admitted = true;
+        device.identity = Identity { vendor: 7, product: 1, revision, serial: position as u32 };
+        let header = &mut device.sii.header;
+        header.protocols = isocat_wire::sii::Header::COE;
+        (header.receive.length, header.send.length) = (128, 128);
+        device.sii.coe_details = coe_details;
+        device
+    }
+
+    /// Three devices make a kind, two do not: there would be nobody to share with. The serial
+    /// number does not matter, the revision does.
+    #[test]
+    fn kinds_are_equal_devices_with_complete_access() {
+        let all = COMPLETE_ACCESS;
+        let mut devices: Vec<_> = (0..3).map(|position| device(position, 1, all)).collect();
+        devices.extend([device(3, 2, all), device(4, 2, all), device(5, 1, 0), device(6, 1, all)]);
+        assert_eq!(kinds(&devices), [[0, 1, 2, 6]]);
+        devices[1].admitted = false;
+        assert_eq!(kinds(&devices), [[0, 2, 6]]);
+        devices[2].identity.product = 0;
+        assert!(kinds(&devices).is_empty());
+    }
+
+    /// Sub-index 0 takes 16 bits of the whole object. Behind a gap nothing has a place.
+    #[test]
+    fn places_end_at_a_gap() {
+        let entries = [entry(0, 8, &[9]), entry(1, 16, &[2, 0]), entry(2, 32, &[0; 4])];
+        let place = |first, bits| Some(Place { first, bits });
+        assert_eq!(
+            places(&object(&entries)),
+            Some(vec![place(0, 8), place(16, 16), place(32, 32)])
+        );
+        let gap = [entry(0, 8, &[9]), entry(1, 16, &[2, 0]), entry(4, 16, &[1, 0])];
+        assert_eq!(places(&object(&gap)), Some(vec![place(0, 8), place(16, 16), None]));
+        let mut unknown = entries;
+        unknown[1].description = None;
+        assert_eq!(places(&object(&unknown)), None);
+    }
+
+    #[test]
+    fn parts_are_whole_bytes_within_the_object() {
+        let bytes = [1, 2, 3, 4];
+        let part = |first, bits| super::part(&bytes, Place { first, bits });
+        assert_eq!([part(0, 8), part(16, 16)], [Some(vec![1]), Some(vec![3, 4])]);
+        assert_eq!([part(4, 8), part(0, 4), part(24, 16)], [None, None, None]);
+    }
+
+    /// Witnesses may differ in what belongs to a device, such as a counter or the cycle, but not in
+    /// times that the firmware states, in what is readable, or in how entries are described.
+    #[test]
+    fn witnesses_agree_about_what_a_kind_shares() {
+        let least = |value: &[u8]| entry(sub::MINIMUM_CYCLE_TIME, 32, value);
+        let cycle = |value: &[u8]| entry(sub::CYCLE_TIME, 32, value);
+        let first = template(&[cycle(&[1, 0, 0, 0]), least(&[5, 0, 0, 0])]);
+        let agrees = |second: Option<Template>| agreed(&[first.clone(), second], &[0, 1]) == first;
+        assert!(agrees(first.clone()));
+        assert!(agrees(template(&[cycle(&[2, 0, 0, 0]), least(&[5, 0, 0, 0])])));
+        assert!(!agrees(template(&[cycle(&[1, 0, 0, 0]), least(&[6, 0, 0, 0])])));
+        assert!(!agrees(template(&[entry(sub::CYCLE_TIME, 16, &[1, 0]), least(&[5, 0, 0, 0])])));
+        let mut refused = cycle(&[]);
+        refused.value = Err(AbortCode::NO_OBJECT);
+        assert!(!agrees(template(&[refused, least(&[5, 0, 0, 0])])));
+        assert!(!agrees(None));
+    }
+}

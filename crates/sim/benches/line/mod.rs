@@ -15,7 +15,7 @@ use isocat_sim::{
     Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Setup, Tap, World,
 };
 use isocat_subdevice::description::{Behaviour, Description, ProcessDataArea};
-use isocat_subdevice::io::Io;
+use isocat_subdevice::io::IoOf;
 use isocat_sync::SyncMode;
 use isocat_wire::datagram::{Address, Layouts};
 use isocat_wire::dc::SyncActivation;
@@ -56,7 +56,7 @@ pub fn connections(count: usize) -> Vec<Connection> {
         chip: LAN9252,
         sii: sii.clone(),
         description: DESCRIPTION.clone(),
-        application: Box::new(Io::default()),
+        application: Box::new(IoOf::<32>::default()),
         cpu: CpuModel::default(),
         // The first one is the reference clock, and it runs in true time, since no host follows it
         // here.

@@ -30,6 +30,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "alloc")]
+extern crate alloc;
 #[cfg(test)]
 extern crate std;
 
@@ -49,6 +51,7 @@ pub mod pdi;
 mod process;
 mod reach;
 mod regular;
+mod room;
 pub mod rx_fifo;
 mod sync_manager;
 #[cfg(test)]

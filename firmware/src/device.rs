@@ -25,11 +25,7 @@ pub static DESCRIPTION: Description = Description {
         object(0x6000, "Inputs", ObjectCode::VAR, DataType::UNSIGNED32, &INPUTS),
         object(0x7000, "Outputs", ObjectCode::VAR, DataType::UNSIGNED32, &OUTPUTS),
     ],
-    mailbox: Some(Mailbox {
-        receive: MailboxArea { start: 0x1000, length: 64 },
-        send: MailboxArea { start: 0x1080, length: 64 },
-        speaks: Speaks::COE,
-    }),
+    mailbox: Some(MAILBOX),
     outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: PROCESS_DATA },
     inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: PROCESS_DATA },
     further_outputs: &[],
@@ -37,8 +33,13 @@ pub static DESCRIPTION: Description = Description {
     behaviour: Behaviour::DEFAULT,
 };
 
-/// Bytes of the dictionary's values, and of the images of the process data after them.
-pub const STORE: usize = end(&OUTPUTS) as usize + 2 * PROCESS_DATA as usize;
+/// Bytes of the dictionary's values, of the images of the process data, and of the mailbox.
+pub const STORE: usize = end(&OUTPUTS) as usize + 2 * PROCESS_DATA as usize + MAILBOX.store_len();
+const MAILBOX: Mailbox = Mailbox {
+    receive: MailboxArea { start: 0x1000, length: 64 },
+    send: MailboxArea { start: 0x1080, length: 64 },
+    speaks: Speaks::COE,
+};
 /// Bytes of outputs, and of inputs.
 const PROCESS_DATA: u16 = 4;
 

@@ -133,10 +133,10 @@ impl Table {
         Self { runs, pages }
     }
 
-    /// The addresses of all runs, including those that a chip may lack.
+    /// The first address and the end of all runs, including those that a chip may lack.
     #[cfg(test)]
-    pub fn addresses(&self) -> impl Iterator<Item = u16> {
-        self.runs.iter().flat_map(|run| run.start..run.end)
+    pub fn runs(&self) -> impl Iterator<Item = (u16, u16)> {
+        self.runs.iter().map(|run| (run.start, run.end))
     }
 }
 
@@ -202,7 +202,8 @@ const fn run(start: u16, end: u16, unit: Unit, gate: Gate) -> Run {
     Run { start, end, unit, gate }
 }
 
-/// The registers that both sides can read.
+/// The registers that both sides can read. A run ends where its registers end in memory, too: FMMUs,
+/// SyncManagers and chip-specific registers lie there as chips have them.
 pub(crate) static READABLE: Table = Table::new(&[
     run(0x0000, 0x0014, Unit::Always, Gate::Open),
     run(0x0020, 0x0022, Unit::Always, Gate::Open),
@@ -227,8 +228,12 @@ pub(crate) static READABLE: Table = Table::new(&[
     run(0x0440, 0x0444, Unit::Always, Gate::Open),
     run(0x0500, 0x0510, Unit::Always, Gate::Open),
     run(0x0510, 0x051C, Unit::Mii, Gate::Open),
-    run(0x0600, 0x0700, Unit::Fmmu, Gate::Open),
-    run(0x0800, 0x0880, Unit::Sm, Gate::Open),
+    run(0x0600, 0x0640, Unit::Fmmu, Gate::Open),
+    run(0x0640, 0x0680, Unit::Fmmu, Gate::Open),
+    run(0x0680, 0x0700, Unit::Fmmu, Gate::Open),
+    run(0x0800, 0x0820, Unit::Sm, Gate::Open),
+    run(0x0820, 0x0840, Unit::Sm, Gate::Open),
+    run(0x0840, 0x0880, Unit::Sm, Gate::Open),
     run(0x0900, 0x0910, Unit::ReceiveTimes, Gate::Open),
     run(0x0910, 0x0936, Unit::SystemTime, Gate::Open),
     run(0x0936, 0x0937, Unit::LatchMode, Gate::Open),
@@ -240,7 +245,8 @@ pub(crate) static READABLE: Table = Table::new(&[
     run(0x09AE, 0x09D0, Unit::Latch, Gate::Open),
     run(0x09F0, 0x09F4, Unit::SystemTime, Gate::Open),
     run(0x09F8, 0x0A00, Unit::SystemTime, Gate::Open),
-    run(0x0E00, 0x0F00, Unit::Specific, Gate::Open),
+    run(0x0E00, 0x0E10, Unit::Specific, Gate::Open),
+    run(0x0E10, 0x0F00, Unit::Specific, Gate::Open),
     run(0x0F00, 0x0F04, Unit::Always, Gate::Open),
     run(0x0F10, 0x0F20, Unit::Always, Gate::Open),
     run(0x0F80, 0x1000, Unit::Always, Gate::Open),
@@ -268,7 +274,9 @@ pub(crate) static ECAT_WRITABLE: Table = Table::new(&[
     run(0x0510, 0x0516, Unit::Mii, Gate::Mii),
     run(0x0516, 0x0518, Unit::Mii, Gate::MiiTake),
     run(0x0518, 0x051C, Unit::Mii, Gate::Open),
-    run(0x0600, 0x0700, Unit::Fmmu, Gate::Open),
+    run(0x0600, 0x0640, Unit::Fmmu, Gate::Open),
+    run(0x0640, 0x0680, Unit::Fmmu, Gate::Open),
+    run(0x0680, 0x0700, Unit::Fmmu, Gate::Open),
     run(0x0800, 0x0880, Unit::Sm, Gate::SyncManager),
     run(0x0900, 0x0904, Unit::ReceiveTimes, Gate::Open),
     run(0x0910, 0x0914, Unit::EcatTime, Gate::Open),
@@ -339,8 +347,8 @@ mod tests {
     fn counts_and_units_cut_the_runs() {
         let units = Units::new(&ET1200, 0x00);
         assert_eq!(units.run(&READABLE, 0x062F), (0x0630, Some(Gate::Open)));
-        assert_eq!(units.run(&READABLE, 0x0630), (0x0700, None));
-        assert_eq!(units.run(&READABLE, 0x0820), (0x0880, None));
+        assert_eq!(units.run(&READABLE, 0x0630), (0x0640, None));
+        assert_eq!(units.run(&READABLE, 0x0820), (0x0840, None));
         // With the DC units switched off the receive times remain.
         assert_eq!(units.run(&READABLE, 0x0900), (0x0910, Some(Gate::Open)));
         assert_eq!(units.run(&READABLE, 0x0910), (0x0936, None));
@@ -357,7 +365,7 @@ mod tests {
         // The chip-specific registers reach as far as the chip's own values do.
         assert_eq!(narrow.run(&READABLE, 0x0E00), (0x0E10, Some(Gate::Open)));
         assert_eq!(narrow.run(&READABLE, 0x0E10), (0x0F00, None));
-        assert_eq!(units.run(&READABLE, 0x0E01), (0x0F00, None));
+        assert_eq!(units.run(&READABLE, 0x0E01), (0x0E10, None));
         assert_eq!(units.run(&READABLE, 0x0515), (0x0516, Some(Gate::Open)));
         assert_eq!(units.run(&READABLE, 0x0516), (0x051C, None));
     }

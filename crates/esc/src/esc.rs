@@ -175,7 +175,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// is loaded from `eeprom`. `ram` is the process RAM from 0x1000 on: RAM of the chip beyond the
     /// end of `ram` does not exist, and bytes of `ram` beyond the chip's RAM are not used.
     pub fn new(chip: &Chip, eeprom: M, ram: M) -> Self {
-        let registers = Registers::new();
+        let registers = Registers::new(chip);
         let mut esc = Self {
             chip: *chip,
             sync_managers: SyncManagers::new(chip),
@@ -257,7 +257,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let chip = &{ self.chip };
         self.reach_version = self.reach_version.wrapping_add(1);
         self.areas = Known::Nothing;
-        self.registers = Registers::new();
+        self.registers = Registers::new(chip);
         let registers = &mut self.registers;
         registers.store(register::TYPE, chip.kind);
         registers.store(register::REVISION, chip.revision);

@@ -225,7 +225,7 @@ mod tests {
     use std::vec::Vec;
 
     fn targets(fmmus: &[Fmmu], logical: u32, len: usize) -> Vec<(u16, u8, i64)> {
-        let mut registers = Registers::new();
+        let mut registers = Registers::new(&crate::chip::ET1100);
         for (number, fmmu) in fmmus.iter().enumerate() {
             registers.store(register::fmmu(number), *fmmu);
         }

@@ -11,6 +11,9 @@
 //! and [`Esc::step`] handles it. The local CPU accesses the ESC through [`Pdi`], which [`Esc::pdi`]
 //! returns.
 //!
+//! An ESC takes memory for as many registers and SyncManagers as any chip has. With the feature
+//! `alloc` it takes as much as its own chip and its frames need, from the heap.
+//!
 //! Times are [`Time<Device>`](isocat_wire::time::Device), as the device's own oscillator counts
 //! them, rounded down to ticks wherever the ESC samples.
 //!
@@ -30,6 +33,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "alloc")]
+extern crate alloc;
 #[cfg(test)]
 extern crate std;
 
@@ -49,6 +54,7 @@ pub mod pdi;
 mod process;
 mod reach;
 mod regular;
+mod room;
 pub mod rx_fifo;
 mod sync_manager;
 #[cfg(test)]

@@ -141,7 +141,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.begin(start, true);
     }
 
-    #[inline]
+    #[inline(always)]
     fn begin(&mut self, start: Time<Device>, good: bool) {
         // Frames pass one after the other, so the last one is over, whatever end was stated for it.
         self.settle(Time::NEVER);

@@ -29,9 +29,9 @@ pub struct RxFifo {
     pub ebus_period_low_jitter: Picos,
     /// How much earlier a frame leaves an MII port's FIFO, by 0x0100 bits 18:16; 7 is the reset
     /// value and the longest.
-    pub mii_reduction: [Picos; 8],
+    pub mii_reduction: &'static [Picos; 8],
     /// How much earlier a frame leaves an EBUS port's FIFO, by 0x0100 bits 18:16.
-    pub ebus_reduction: [Picos; 8],
+    pub ebus_reduction: &'static [Picos; 8],
 }
 
 impl RxFifo {
@@ -41,12 +41,12 @@ impl RxFifo {
         mii_period: Picos(40_000),
         ebus_period: Picos(10_000),
         ebus_period_low_jitter: Picos(5_000),
-        mii_reduction: nanos([40, 40, 40, 40, 0, 0, 0, 0]),
-        ebus_reduction: nanos([50, 40, 30, 20, 10, 0, 0, 0]),
+        mii_reduction: &nanos([40, 40, 40, 40, 0, 0, 0, 0]),
+        ebus_reduction: &nanos([50, 40, 30, 20, 10, 0, 0, 0]),
     };
     /// ET1150 and IP core from 3.0 on: 80 ns less at sizes 0 and 1 of MII.
     pub const DEEPER: Self =
-        Self { mii_reduction: nanos([80, 80, 40, 40, 0, 0, 0, 0]), ..Self::COMMON };
+        Self { mii_reduction: &nanos([80, 80, 40, 40, 0, 0, 0, 0]), ..Self::COMMON };
 }
 
 /// How a port changes the timing of the frames that it receives.

@@ -1,8 +1,8 @@
-//! Cost and memory of a line of N SubDevices: `scale N CYCLES [main]`.
+//! Cost and memory of a line of N SubDevices: `scale N CYCLES [main|mailbox]`.
 //!
 //! Prints processor time of one cycle, and of one SubDevice and cycle, and resident bytes of one
 //! SubDevice. With `main` the MainDevice runs the line; without it frames are made before and only
-//! the segment works.
+//! the segment works. With `mailbox` the SubDevices have one.
 
 use std::process::ExitCode;
 use std::time::Duration;
@@ -16,7 +16,7 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |at: usize| arguments.get(at).and_then(|text| text.parse::<u64>().ok());
     let (Some(count), Some(cycles)) = (number(0), number(1)) else {
-        eprintln!("usage: scale N CYCLES [main]");
+        eprintln!("usage: scale N CYCLES [main|mailbox]");
         return ExitCode::FAILURE;
     };
     let count = count as usize;
@@ -35,7 +35,8 @@ fn main() -> ExitCode {
         assert_eq!(wrong, 0, "wrong working counters");
         (elapsed, resident())
     } else {
-        let mut line = Line::new(count);
+        let mailbox = arguments.get(2).is_some_and(|text| text == "mailbox");
+        let mut line = if mailbox { Line::with_mailbox(count) } else { Line::new(count) };
         let start = processor_time();
         for _ in 0..cycles {
             line.cycle();

@@ -145,7 +145,7 @@ impl Device {
     /// Attaches a plant to it.
     pub(crate) fn attach(&mut self, setup: PlantSetup) {
         self.regular = false;
-        self.application().plant = Some(Plant::new(setup));
+        self.application().plant = Some(Box::new(Plant::new(setup)));
     }
 
     /// Moves its plant to the SubDevice that replaces it.
@@ -156,7 +156,7 @@ impl Device {
 
     /// Takes the actions on its plant since the last call, in order; empty without a plant.
     pub(crate) fn take_acted(&mut self) -> impl Iterator<Item = Acted> + '_ {
-        self.application().plant.iter_mut().flat_map(Plant::take_acted)
+        self.application().plant.iter_mut().flat_map(|plant| plant.take_acted())
     }
 
     /// Where its samples lie, if it oversamples.
@@ -630,7 +630,7 @@ pub struct BoxedApplication {
     /// Whether its outputs acted since the last check.
     acted: bool,
     /// The plant that its outputs move.
-    plant: Option<Plant>,
+    plant: Option<Box<Plant>>,
     /// The converters of a device that oversamples.
     sampler: Option<Box<Sampler>>,
 }
@@ -647,7 +647,7 @@ impl BoxedApplication {
 
 impl Application for BoxedApplication {
     fn power_off(&mut self) {
-        self.plant.iter_mut().for_each(Plant::release);
+        self.plant.iter_mut().for_each(|plant| plant.release());
         self.sampler.iter_mut().for_each(|sampler| sampler.power_off());
         self.application.power_off();
     }
@@ -666,11 +666,11 @@ impl Application for BoxedApplication {
     }
     fn outputs_valid(&mut self) {
         self.acted = true;
-        self.plant.iter_mut().for_each(Plant::act);
+        self.plant.iter_mut().for_each(|plant| plant.act());
         self.application.outputs_valid();
     }
     fn latch_inputs(&mut self) {
-        self.plant.iter_mut().for_each(Plant::latch);
+        self.plant.iter_mut().for_each(|plant| plant.latch());
         self.sampler.iter_mut().for_each(|sampler| sampler.latch());
         self.application.latch_inputs();
     }
@@ -680,7 +680,7 @@ impl Application for BoxedApplication {
         self.plant.iter().for_each(|plant| plant.show(inputs));
     }
     fn safe_outputs(&mut self) {
-        self.plant.iter_mut().for_each(Plant::release);
+        self.plant.iter_mut().for_each(|plant| plant.release());
         self.sampler.iter_mut().for_each(|sampler| sampler.release());
         self.application.safe_outputs();
     }

@@ -8,7 +8,7 @@ use isocat_wire::coe::info::Access;
 use isocat_wire::{AbortCode, ObjectAddress};
 
 use crate::description::ProcessDataArea;
-use crate::dictionary::Dictionary;
+use crate::dictionary::Values;
 
 /// Indices of the RxPDOs (outputs).
 pub(crate) const RX_PDOS: RangeInclusive<u16> = 0x1600..=0x17FF;
@@ -20,8 +20,8 @@ pub(crate) const TX_PDOS: RangeInclusive<u16> = 0x1A00..=0x1BFF;
 pub(crate) struct NotComputable;
 
 /// Bytes of the process data by an assignment object; `None` if the device has no such object.
-pub(crate) fn length<S: AsRef<[u8]> + AsMut<[u8]>>(
-    dictionary: &Dictionary<S>,
+pub(crate) fn length(
+    dictionary: &Values<'_>,
     assignment: u16,
 ) -> Result<Option<u32>, NotComputable> {
     let Some(count) = dictionary.value(assignment, 0) else { return Ok(None) };
@@ -49,8 +49,8 @@ pub(crate) fn is_guarded_by_count(index: u16) -> bool {
 }
 
 /// Checks a value that the MainDevice writes into an assignment or mapping object.
-pub(crate) fn check_write<S: AsRef<[u8]> + AsMut<[u8]>>(
-    dictionary: &Dictionary<S>,
+pub(crate) fn check_write(
+    dictionary: &Values<'_>,
     address: ObjectAddress,
     value: u32,
 ) -> Result<(), AbortCode> {
@@ -78,11 +78,7 @@ fn check_assigned(value: u32, range: RangeInclusive<u16>) -> Result<(), AbortCod
 
 /// Checks an entry of a mapping object: index, sub-index and bits of the mapped entry. Index 0
 /// reserves bits.
-fn check_mapped<S: AsRef<[u8]> + AsMut<[u8]>>(
-    dictionary: &Dictionary<S>,
-    value: u32,
-    right: Access,
-) -> Result<(), AbortCode> {
+fn check_mapped(dictionary: &Values<'_>, value: u32, right: Access) -> Result<(), AbortCode> {
     let (index, sub, bits) = ((value >> 16) as u16, (value >> 8) as u8, value as u8);
     if index == 0 {
         return Ok(());
@@ -98,10 +94,7 @@ fn check_mapped<S: AsRef<[u8]> + AsMut<[u8]>>(
     }
 }
 
-fn pdo_bits<S: AsRef<[u8]> + AsMut<[u8]>>(
-    dictionary: &Dictionary<S>,
-    pdo: u16,
-) -> Result<u32, NotComputable> {
+fn pdo_bits(dictionary: &Values<'_>, pdo: u16) -> Result<u32, NotComputable> {
     let count = dictionary.value(pdo, 0).ok_or(NotComputable)?;
     let mut bits = 0;
     for slot in 1..=count {

@@ -16,7 +16,7 @@ use isocat_wire::{AlStatusCode, Nanos, register};
 
 use crate::assignment;
 use crate::description::{Description, Mailbox, ProcessDataArea};
-use crate::dictionary::Dictionary;
+use crate::dictionary::Values;
 use crate::misbehaviour::Misbehaviour;
 use crate::process_data::{Buffer, Buffers, MAX_AREAS, MAX_PROCESS_DATA};
 use crate::sync_engine::{Chosen, Setup};
@@ -46,9 +46,9 @@ pub(crate) fn mailbox(pdi: &mut impl Pdi, mailbox: Option<&Mailbox>) -> Result<(
 }
 
 /// Checks PREOP to SAFEOP.
-pub(crate) fn safe_op<S: AsRef<[u8]> + AsMut<[u8]>>(
+pub(crate) fn safe_op(
     pdi: &mut impl Pdi,
-    dictionary: &Dictionary<S>,
+    dictionary: &Values<'_>,
     chosen: Chosen,
 ) -> Result<SafeOp, AlStatusCode> {
     let description = dictionary.description();
@@ -141,9 +141,9 @@ fn memory(sm: &SyncManager) -> Range<u32> {
 /// Bytes of outputs and inputs by the PDO assignment of each SyncManager. A device without
 /// assignment objects takes the length of the SyncManager. Without a mailbox no assignment can be
 /// written, so it has only one length.
-fn mapped_lengths<S: AsRef<[u8]> + AsMut<[u8]>>(
+fn mapped_lengths(
     pdi: &mut impl Pdi,
-    dictionary: &Dictionary<S>,
+    dictionary: &Values<'_>,
 ) -> Result<(Lengths, Lengths), AlStatusCode> {
     let fixed = dictionary.description().mailbox.is_none();
     let mut length = |index, area: ProcessDataArea, code| {
@@ -237,9 +237,9 @@ fn is_mailbox(pdi: &mut impl Pdi, number: usize, area: MailboxArea, direction: u
 
 /// Determines the synchronization from the SYNC unit, the MainDevice's choice, and the device's
 /// capabilities.
-pub(crate) fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
+pub(crate) fn sync(
     pdi: &mut impl Pdi,
-    dictionary: &Dictionary<S>,
+    dictionary: &Values<'_>,
     chosen: Chosen,
     has_outputs: bool,
     has_inputs: bool,
@@ -351,8 +351,8 @@ pub(crate) fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
 
 /// The types of both objects if the MainDevice wrote at least one of them; the other one follows
 /// it.
-fn chosen_types<S: AsRef<[u8]> + AsMut<[u8]>>(
-    dictionary: &Dictionary<S>,
+fn chosen_types(
+    dictionary: &Values<'_>,
     chosen: Chosen,
     has_outputs: bool,
     subordinated: bool,
@@ -382,8 +382,8 @@ fn chosen_types<S: AsRef<[u8]> + AsMut<[u8]>>(
 /// The types that both transmitted directions support. For a direction without a statement the
 /// description decides, and by default supports all types. A device that announces 0 makes no
 /// statement either: taken literally it could never leave PREOP.
-pub(crate) fn supported_types<S: AsRef<[u8]> + AsMut<[u8]>>(
-    dictionary: &Dictionary<S>,
+pub(crate) fn supported_types(
+    dictionary: &Values<'_>,
     has_outputs: bool,
     has_inputs: bool,
 ) -> SupportedTypes {
@@ -397,9 +397,7 @@ pub(crate) fn supported_types<S: AsRef<[u8]> + AsMut<[u8]>>(
 }
 
 /// The shortest cycle that the device states; zero if it states none.
-pub(crate) fn minimum_cycle_time<S: AsRef<[u8]> + AsMut<[u8]>>(
-    dictionary: &Dictionary<S>,
-) -> Nanos {
+pub(crate) fn minimum_cycle_time(dictionary: &Values<'_>) -> Nanos {
     let stated = |index| dictionary.value(index, sub::MINIMUM_CYCLE_TIME).unwrap_or_default();
     Nanos::from_u32(stated(OUTPUT_PARAMETER).max(stated(INPUT_PARAMETER)))
 }

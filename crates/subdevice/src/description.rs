@@ -10,6 +10,7 @@ use isocat_wire::time::Nanos;
 use isocat_wire::{AlStatusCode, ObjectAddress};
 
 use crate::misbehaviour::{Misbehaviour, Misbehaviours};
+use crate::objects::MAX_TRANSFER;
 use crate::process_data::{MAX_AREAS, MAX_PROCESS_DATA};
 
 /// Everything that the stack must know about its device.
@@ -69,9 +70,11 @@ impl Description {
         self.mailbox.map_or(&[], |mailbox| mailbox.speaks.parameters)
     }
 
-    /// Bytes of the value store: objects, parameters, and the images of outputs and inputs.
+    /// Bytes of the store: values of objects and parameters, images of outputs and inputs, and the
+    /// [room](Mailbox::store_len) of the mailbox.
     pub fn store_len(&self) -> usize {
-        self.values_len() + self.output_bytes() + self.input_bytes()
+        let mailbox = self.mailbox.map_or(0, |mailbox| mailbox.store_len());
+        self.values_len() + self.output_bytes() + self.input_bytes() + mailbox
     }
 
     /// Most bytes of outputs, of all areas together; at most
@@ -113,6 +116,14 @@ pub struct Mailbox {
     pub send: MailboxArea,
     /// Its protocols.
     pub speaks: Speaks,
+}
+
+impl Mailbox {
+    /// Bytes of the store for the last two messages sent, and for a transfer of
+    /// [`MAX_TRANSFER`](crate::MAX_TRANSFER) bytes.
+    pub const fn store_len(&self) -> usize {
+        2 * self.send.length as usize + MAX_TRANSFER
+    }
 }
 
 /// The protocols of a mailbox. [`Description::objects`] answers CoE,

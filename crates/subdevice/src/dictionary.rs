@@ -1,12 +1,14 @@
-//! The values of the object dictionary.
+//! The values of the object dictionary, and what else is in the store that the caller gives.
 
 use isocat_wire::ObjectAddress;
 
 use crate::description::{Description, Entry, LIST_HEAD, Object, Parameter};
 use crate::misbehaviour::Misbehaviours;
+use crate::objects::MAX_TRANSFER;
 use crate::process_data::Images;
 
-/// The dictionary: the description, and the store with the present values.
+/// The dictionary: the description, and the store of the caller. It holds the present values, then
+/// the images of the process data, then the room of the mailbox.
 pub(crate) struct Dictionary<S> {
     description: Description,
     store: S,
@@ -18,6 +20,22 @@ pub(crate) struct Dictionary<S> {
     outputs: usize,
     /// Bytes of the image of the inputs.
     inputs: usize,
+}
+
+/// The present values, with the description of the device.
+pub(crate) struct Values<'a> {
+    description: &'a Description,
+    store: &'a mut [u8],
+    /// First byte of the values of parameters.
+    parameters: usize,
+}
+
+/// The memory of a mailbox; only devices with a mailbox have it.
+pub(crate) struct Room<'a> {
+    /// The last two messages sent.
+    pub messages: [&'a mut [u8]; 2],
+    /// The data of a transfer that needs several messages.
+    pub transfer: &'a mut [u8; MAX_TRANSFER],
 }
 
 impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
@@ -53,40 +71,40 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
             speaks.is_sorted_by_key(|one| (one.drive, one.idn)),
             "parameters must stand in ascending order: they are searched by halves"
         );
+        dictionary.store.as_mut()[dictionary.images..].fill(0);
         dictionary.reset();
         dictionary
     }
 
-    /// Gives all entries their values after power-on.
+    /// Gives all entries their values after power-on, and zeroes the images.
     pub fn reset(&mut self) {
-        for entry in self.description.objects.iter().flat_map(|object| object.entries) {
-            let default = self.description.power_on(entry);
-            let start = usize::from(entry.store);
-            let value = &mut self.store.as_mut()[start..start + entry.len()];
-            let given = default.len().min(value.len());
-            value[..given].copy_from_slice(&default[..given]);
-            value[given..].fill(0);
-        }
-        for parameter in self.description.parameters() {
-            let value = self.parameter_mut(parameter);
-            let given = parameter.default.len().min(value.len());
-            value[..given].copy_from_slice(&parameter.default[..given]);
-            value[given..].fill(0);
-        }
+        self.values().reset();
         let images = self.images_mut();
         images.outputs.fill(0);
         images.inputs.fill(0);
     }
 
+    /// The values.
+    pub fn values(&mut self) -> Values<'_> {
+        let store = &mut self.store.as_mut()[..self.images];
+        Values { description: &self.description, store, parameters: self.parameters }
+    }
+
+    /// The values, and the room of the mailbox; `None` without a mailbox.
+    pub fn values_and_room(&mut self) -> Option<(Values<'_>, Room<'_>)> {
+        let len = usize::from(self.description.mailbox?.send.length);
+        let (values, rest) = self.store.as_mut().split_at_mut(self.images);
+        let rest = rest.get_mut(self.outputs + self.inputs..)?;
+        let (messages, rest) = rest.split_at_mut_checked(2 * len)?;
+        let (one, other) = messages.split_at_mut(len);
+        let room = Room { messages: [one, other], transfer: rest.first_chunk_mut()? };
+        let (description, parameters) = (&self.description, self.parameters);
+        Some((Values { description, store: values, parameters }, room))
+    }
+
     /// The misbehaviours of the device.
     pub fn misbehaviour_mut(&mut self) -> &mut Misbehaviours {
         &mut self.description.behaviour.misbehaviour
-    }
-
-    /// The bytes of an entry.
-    pub fn bytes_mut(&mut self, entry: &Entry) -> &mut [u8] {
-        let start = usize::from(entry.store);
-        &mut self.store.as_mut()[start..start + entry.len()]
     }
 
     /// The images of the process data.
@@ -101,16 +119,46 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
         &self.store.as_ref()[self.images..][..self.outputs]
     }
 
+    /// The fixed properties of the device.
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+}
+
+impl Values<'_> {
+    fn reset(&mut self) {
+        for entry in self.description.objects.iter().flat_map(|object| object.entries) {
+            let default = self.description.power_on(entry);
+            let start = usize::from(entry.store);
+            let value = &mut self.store[start..start + entry.len()];
+            let given = default.len().min(value.len());
+            value[..given].copy_from_slice(&default[..given]);
+            value[given..].fill(0);
+        }
+        for parameter in self.description.parameters() {
+            let value = self.parameter_mut(parameter);
+            let given = parameter.default.len().min(value.len());
+            value[..given].copy_from_slice(&parameter.default[..given]);
+            value[given..].fill(0);
+        }
+    }
+
+    /// The bytes of an entry.
+    pub fn bytes_mut(&mut self, entry: &Entry) -> &mut [u8] {
+        let start = usize::from(entry.store);
+        &mut self.store[start..start + entry.len()]
+    }
+
     /// All bytes of a parameter.
     pub fn parameter_mut(&mut self, parameter: &Parameter) -> &mut [u8] {
         let start = self.parameters + usize::from(parameter.store);
-        &mut self.store.as_mut()[start..start + usize::from(parameter.len)]
+        &mut self.store[start..start + usize::from(parameter.len)]
     }
 
     /// The bytes of a parameter; of a list, only those in use.
     pub fn parameter(&self, parameter: &Parameter) -> &[u8] {
         let start = self.parameters + usize::from(parameter.store);
-        let bytes = &self.store.as_ref()[start..start + usize::from(parameter.len)];
+        let bytes = &self.store[start..start + usize::from(parameter.len)];
         match *bytes {
             [l0, l1, _, _, ..] if parameter.attribute.is_list() => {
                 let used = LIST_HEAD + usize::from(u16::from_le_bytes([l0, l1]));
@@ -133,7 +181,7 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
     /// The bytes of an entry.
     pub fn bytes(&self, entry: &Entry) -> &[u8] {
         let start = usize::from(entry.store);
-        &self.store.as_ref()[start..start + entry.len()]
+        &self.store[start..start + entry.len()]
     }
 
     /// The number in an entry of up to four bytes (the low four of a longer one); `None` if the
@@ -152,8 +200,8 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
     }
 
     /// The fixed properties of the device.
-    pub fn description(&self) -> &Description {
-        &self.description
+    pub const fn description(&self) -> &Description {
+        self.description
     }
 
     fn value_entry(&self, index: u16, sub: u8) -> Option<&'static Entry> {

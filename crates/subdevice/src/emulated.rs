@@ -63,8 +63,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// The circuit's synchronization: SYNC0 moves the outputs if its pulses run and the circuit
     /// uses them; otherwise each exchange does.
-    fn wired_to(&self, has_outputs: bool, has_inputs: bool, pdi: &mut impl Pdi) -> Setup {
-        let by_pulses = checks::sync(pdi, &self.dictionary, self.chosen, has_outputs, has_inputs);
+    fn wired_to(&mut self, has_outputs: bool, has_inputs: bool, pdi: &mut impl Pdi) -> Setup {
+        let by_pulses =
+            checks::sync(pdi, &self.dictionary.values(), self.chosen, has_outputs, has_inputs);
         by_pulses.ok().filter(|setup| setup.chain.mode.uses_dc()).unwrap_or(Setup {
             chain: Chain {
                 mode: SyncMode::SmSynchronous,

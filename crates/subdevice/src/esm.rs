@@ -257,7 +257,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 
     fn prepare_safe_op(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
-        let found = match checks::safe_op(pdi, &self.dictionary, self.chosen) {
+        let found = match checks::safe_op(pdi, &self.dictionary.values(), self.chosen) {
             Ok(_) if self.never_enters(AlState::SafeOp) => {
                 return self.refuse(AlStatusCode::UNSPECIFIED, pdi);
             }
@@ -300,20 +300,21 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             (OUTPUT_PARAMETER, mode.output_type()),
             (INPUT_PARAMETER, mode.input_type(chain.has_outputs)),
         ];
+        let mut values = self.dictionary.values();
         for (index, sync_type) in types {
-            self.dictionary.set(index, sub::SYNC_TYPE, u32::from(sync_type.0));
+            values.set(index, sub::SYNC_TYPE, u32::from(sync_type.0));
             if mode.uses_dc() {
-                self.dictionary.set(index, sub::CYCLE_TIME, cycle);
-                self.dictionary.set(index, sub::SYNC0_CYCLE_TIME, cycle);
+                values.set(index, sub::CYCLE_TIME, cycle);
+                values.set(index, sub::SYNC0_CYCLE_TIME, cycle);
             } else if self.sync.mode().uses_dc() {
                 // Values that the last run with DC left are no longer valid.
                 if !self.chosen.cycle {
-                    self.dictionary.set(index, sub::CYCLE_TIME, 0);
+                    values.set(index, sub::CYCLE_TIME, 0);
                 }
-                self.dictionary.set(index, sub::SYNC0_CYCLE_TIME, 0);
+                values.set(index, sub::SYNC0_CYCLE_TIME, 0);
             }
         }
-        self.sync.load_settings(&self.dictionary);
+        self.sync.load_settings(&values);
         let before = self.sync;
         self.sync.start(now, found.sync);
         if self.faults().contains(&Misbehaviour::KeepsCounters) {

@@ -9,16 +9,19 @@ use isocat_wire::sync_manager::SyncManager;
 use crate::application::Application;
 use crate::coe::Outcome;
 use crate::description;
-use crate::objects::Objects;
+use crate::dictionary::Room;
+use crate::objects::{MAX_TRANSFER, Objects};
 use crate::services::Services;
 
-/// Most bytes of a mailbox, including the header. The stack keeps two messages of this size: the
-/// MainDevice may request the last one again even when the next one already waits.
+/// Most bytes of a mailbox, including the header.
 pub const MAX_MAILBOX: usize = 1024;
 /// Least bytes of a mailbox: header, CoE header, an SDO with four bytes, and space for a segment.
 pub const MIN_MAILBOX: usize = 24;
 
 /// State of the two mailboxes.
+///
+/// The last two messages sent are in the [`Room`]: the MainDevice may request the last one again
+/// even when the next one already waits.
 pub(crate) struct Mailbox {
     areas: Option<description::Mailbox>,
     running: bool,
@@ -26,8 +29,8 @@ pub(crate) struct Mailbox {
     received: u8,
     /// Counter of the last message sent; 0 before the first.
     sent: u8,
-    /// The last two messages sent.
-    messages: [Message; 2],
+    /// Bytes of the last two messages sent; 0 before the first.
+    sent_len: [u16; 2],
     /// Index of the later one.
     latest: usize,
     /// Index of the message that is in SM1, or was last in it.
@@ -42,13 +45,6 @@ pub(crate) struct Mailbox {
     stale: bool,
     /// The state of emptying SM1, while it is being emptied.
     emptying: Option<Emptying>,
-}
-
-#[derive(Clone, Copy)]
-struct Message {
-    bytes: [u8; MAX_MAILBOX],
-    /// 0 before the first.
-    len: usize,
 }
 
 impl Mailbox {
@@ -66,7 +62,7 @@ impl Mailbox {
             running: false,
             received: 0,
             sent: 0,
-            messages: [Message { bytes: [0; MAX_MAILBOX], len: 0 }; 2],
+            sent_len: [0; 2],
             latest: 0,
             shown: 0,
             read: None,
@@ -100,9 +96,7 @@ impl Mailbox {
         self.again = false;
         self.stale = false;
         self.emptying = None;
-        for message in &mut self.messages {
-            message.len = 0;
-        }
+        self.sent_len = [0; 2];
     }
 
     /// Whether these events concern the mailbox.
@@ -117,7 +111,7 @@ impl Mailbox {
     }
 
     /// Handles a toggled repeat bit: the MainDevice lost the message that it read last.
-    pub fn check_repeat(&mut self, pdi: &mut impl Pdi) {
+    pub fn check_repeat(&mut self, room: &Room<'_>, pdi: &mut impl Pdi) {
         if !self.running {
             return;
         }
@@ -146,7 +140,7 @@ impl Mailbox {
                 if occupied && !self.empty_send_mailbox(sm.pdi_control & SyncManager::REPEAT, pdi) {
                     return;
                 }
-                self.put(lost, pdi);
+                self.put(lost, room, pdi);
                 self.again = lost != self.latest;
             }
             None => {}
@@ -155,11 +149,12 @@ impl Mailbox {
     }
 
     /// Takes requests and gives answers, as far as the SyncManagers allow.
-    pub fn poll<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
+    pub fn poll<A: Application>(
         &mut self,
         events: u32,
         services: &mut Services,
-        objects: &mut Objects<'_, A, S>,
+        objects: &mut Objects<'_, A>,
+        room: &mut Room<'_>,
         pdi: &mut impl Pdi,
     ) {
         let Some(areas) = self.areas else { return };
@@ -168,18 +163,20 @@ impl Mailbox {
             self.was_read();
         }
         if !self.occupied && core::mem::take(&mut self.again) {
-            self.put(self.latest, pdi);
+            self.put(self.latest, room, pdi);
         }
         if !self.occupied
             && let Some(protocol) = services.has_more()
         {
-            self.reply(protocol, pdi, |body| services.more(protocol, objects, body));
+            self.reply(protocol, room, pdi, |body, transfer| {
+                services.more(protocol, objects, transfer, body)
+            });
         }
         if !self.occupied && events & al_event::sync_manager(RECEIVE) != 0 {
             let mut request = [0; MAX_MAILBOX];
             let request = &mut request[..usize::from(areas.receive.length)];
             pdi.read(areas.receive.start, request);
-            self.receive(request, services, objects, pdi);
+            self.receive(request, services, objects, room, pdi);
         }
         if was_read && !self.occupied {
             // Writing its first byte acknowledges the event of the read mailbox.
@@ -187,11 +184,12 @@ impl Mailbox {
         }
     }
 
-    fn receive<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
+    fn receive<A: Application>(
         &mut self,
         request: &[u8],
         services: &mut Services,
-        objects: &mut Objects<'_, A, S>,
+        objects: &mut Objects<'_, A>,
+        room: &mut Room<'_>,
         pdi: &mut impl Pdi,
     ) {
         let Some((header, body)) = request.split_first_chunk::<HEADER_LEN>() else { return };
@@ -214,30 +212,30 @@ impl Mailbox {
             None
         };
         let protocol = header.protocol;
-        self.reply(protocol, pdi, |answer| match fault {
+        self.reply(protocol, room, pdi, |answer, transfer| match fault {
             Some(detail) => Outcome::Error(detail),
             None => {
                 let request = &body[..usize::from(header.length)];
-                services.handle(protocol, request, objects, answer)
+                services.handle(protocol, request, objects, transfer, answer)
             }
         });
     }
 
     /// Makes a message from the bytes that `fill` writes after the mailbox header, and sends it.
+    /// `fill` gets the data of the present transfer, too.
     fn reply(
         &mut self,
         protocol: Protocol,
+        room: &mut Room<'_>,
         pdi: &mut impl Pdi,
-        fill: impl FnOnce(&mut [u8]) -> Outcome,
+        fill: impl FnOnce(&mut [u8], &mut [u8; MAX_TRANSFER]) -> Outcome,
     ) {
-        let Some(areas) = self.areas else { return };
         let next = 1 - self.latest;
         let counter = next_counter(self.sent);
         let mut header = Header::new(0, MAIN_DEVICE, protocol, counter);
-        let (head, body) = self.messages[next].bytes.split_at_mut(HEADER_LEN);
-        let room = usize::from(areas.send.length) - HEADER_LEN;
-        let len = match fill(&mut body[..room]) {
-            Outcome::Reply(len) => len.min(room),
+        let (head, body) = room.messages[next].split_at_mut(HEADER_LEN);
+        let len = match fill(body, room.transfer) {
+            Outcome::Reply(len) => len.min(body.len()),
             Outcome::Silent => return,
             Outcome::Error(detail) => {
                 header.protocol = Protocol::ERROR;
@@ -248,19 +246,19 @@ impl Mailbox {
         };
         header.length = len as u16;
         head.copy_from_slice(&header.emit());
-        self.messages[next].len = HEADER_LEN + len;
+        self.sent_len[next] = (HEADER_LEN + len) as u16;
         self.sent = counter;
         self.latest = next;
-        self.put(next, pdi);
+        self.put(next, room, pdi);
     }
 
     /// Writes a message into SM1. Bytes after the message have no meaning; the last byte closes the
     /// mailbox.
-    fn put(&mut self, which: usize, pdi: &mut impl Pdi) {
+    fn put(&mut self, which: usize, room: &Room<'_>, pdi: &mut impl Pdi) {
         let Some(areas) = self.areas else { return };
-        let message = &self.messages[which];
-        pdi.write(areas.send.start, &message.bytes[..message.len]);
-        if message.len < usize::from(areas.send.length) {
+        let len = self.sent_len[which];
+        pdi.write(areas.send.start, &room.messages[which][..usize::from(len)]);
+        if len < areas.send.length {
             pdi.write(areas.send.start + (areas.send.length - 1), &[0]);
         }
         self.occupied = true;

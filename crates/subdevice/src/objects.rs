@@ -12,7 +12,7 @@ use crate::application::Application;
 use crate::assignment;
 use crate::checks;
 use crate::description::{Entry, Object};
-use crate::dictionary::Dictionary;
+use crate::dictionary::Values;
 use crate::misbehaviour::{self, Faults, Misbehaviour};
 use crate::sync_engine::{Chosen, SyncEngine};
 
@@ -20,15 +20,15 @@ use crate::sync_engine::{Chosen, SyncEngine};
 pub const MAX_TRANSFER: usize = 1024;
 
 /// The dictionary, with everything that affects an access.
-pub(crate) struct Objects<'a, A, S> {
-    pub dictionary: &'a mut Dictionary<S>,
+pub(crate) struct Objects<'a, A> {
+    pub dictionary: Values<'a>,
     pub application: &'a mut A,
     pub sync: &'a mut SyncEngine,
     pub chosen: &'a mut Chosen,
     pub state: AlState,
 }
 
-impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
+impl<A: Application> Objects<'_, A> {
     /// Writes one entry.
     pub fn write(&mut self, address: ObjectAddress, data: &[u8]) -> Result<(), AbortCode> {
         let entry = self.writable(address)?;
@@ -344,7 +344,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
             if closed && occupied && !same {
                 return Err(AbortCode::SUB0_NOT_ZERO);
             }
-            return assignment::check_write(self.dictionary, address, number);
+            return assignment::check_write(&self.dictionary, address, number);
         }
         if index != OUTPUT_PARAMETER && index != INPUT_PARAMETER {
             return Ok(());
@@ -356,7 +356,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
             sub::CYCLE_TIME if cyclic && !same => {
                 if self.sync.mode() != SyncMode::FreeRun {
                     Err(AbortCode::WRONG_STATE)
-                } else if Nanos::from_u32(number) < checks::minimum_cycle_time(self.dictionary) {
+                } else if Nanos::from_u32(number) < checks::minimum_cycle_time(&self.dictionary) {
                     Err(AbortCode::TOO_LOW)
                 } else {
                     Ok(())
@@ -370,14 +370,14 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
     /// assignment.
     fn check_sync_type(&self, index: u16, chosen: SyncType) -> Result<(), AbortCode> {
         let description = self.dictionary.description();
-        let transmits = |assigned, most: u16| match assignment::length(self.dictionary, assigned) {
+        let transmits = |assigned, most: u16| match assignment::length(&self.dictionary, assigned) {
             Ok(Some(bytes)) => bytes > 0,
             Ok(None) => most > 0,
             Err(_) => false,
         };
         let outputs = transmits(OUTPUT_ASSIGNMENT, description.outputs.max_length);
         let inputs = transmits(INPUT_ASSIGNMENT, description.inputs.max_length);
-        let supported = checks::supported_types(self.dictionary, outputs, inputs);
+        let supported = checks::supported_types(&self.dictionary, outputs, inputs);
         let of_outputs = index == OUTPUT_PARAMETER;
         let allowed = match chosen {
             SyncType::FREE_RUN => true,
@@ -424,7 +424,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
             ERROR_SETTINGS => {}
             _ => return,
         }
-        self.sync.load_settings(self.dictionary);
+        self.sync.load_settings(&self.dictionary);
     }
 }
 

@@ -8,7 +8,7 @@ use crate::application::Application;
 use crate::description::{LIST_HEAD, Parameter};
 use crate::objects::{MAX_TRANSFER, Objects};
 
-impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
+impl<A: Application> Objects<'_, A> {
     /// Reads elements, one after the other, into the front of `target`; returns their length in
     /// bytes.
     pub fn read_elements(

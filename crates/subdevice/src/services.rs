@@ -10,7 +10,7 @@ use isocat_wire::{aoe, eoe, foe};
 
 use crate::application::Application;
 use crate::coe::{self, Outcome};
-use crate::objects::Objects;
+use crate::objects::{MAX_TRANSFER, Objects};
 use crate::soe;
 
 /// The servers behind the mailbox.
@@ -21,7 +21,7 @@ pub(crate) struct Services {
 
 impl Services {
     /// Services without a transfer.
-    pub fn new() -> Self {
+    pub const fn new() -> Self {
         Self { coe: coe::Server::new(), soe: soe::Server::new() }
     }
 
@@ -41,24 +41,26 @@ impl Services {
     }
 
     /// Continues the last answer.
-    pub fn more<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
+    pub fn more<A: Application>(
         &mut self,
         protocol: Protocol,
-        objects: &mut Objects<'_, A, S>,
+        objects: &mut Objects<'_, A>,
+        buffer: &mut [u8; MAX_TRANSFER],
         reply: &mut [u8],
     ) -> Outcome {
         match protocol {
-            Protocol::SOE => self.soe.more(self.coe.buffer(), reply),
+            Protocol::SOE => self.soe.more(buffer, reply),
             _ => self.coe.more(objects, reply),
         }
     }
 
     /// Answers a request; `request` and `reply` begin after the mailbox header.
-    pub fn handle<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
+    pub fn handle<A: Application>(
         &mut self,
         protocol: Protocol,
         request: &[u8],
-        objects: &mut Objects<'_, A, S>,
+        objects: &mut Objects<'_, A>,
+        buffer: &mut [u8; MAX_TRANSFER],
         reply: &mut [u8],
     ) -> Outcome {
         let speaks = objects.dictionary.description().mailbox.map(|mailbox| mailbox.speaks);
@@ -71,11 +73,11 @@ impl Services {
         match protocol {
             Protocol::COE => {
                 self.soe.reset();
-                self.coe.handle(request, objects, reply)
+                self.coe.handle(request, objects, buffer, reply)
             }
             Protocol::SOE => {
                 self.coe.reset();
-                self.soe.handle(request, objects, self.coe.buffer_mut(), reply)
+                self.soe.handle(request, objects, buffer, reply)
             }
             Protocol::FOE => no_files(request, reply),
             Protocol::EOE => no_port(request, reply),

@@ -71,10 +71,10 @@ impl Server {
     }
 
     /// Answers a request; `request` and `reply` begin with the SoE header.
-    pub fn handle<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
+    pub fn handle<A: Application>(
         &mut self,
         request: &[u8],
-        objects: &mut Objects<'_, A, S>,
+        objects: &mut Objects<'_, A>,
         buffer: &mut [u8; MAX_TRANSFER],
         reply: &mut [u8],
     ) -> Outcome {

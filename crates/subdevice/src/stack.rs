@@ -38,8 +38,8 @@ use crate::sync_engine::{Chosen, Reaction, SyncEngine};
 ///
 /// [`power_off`](Self::power_off) resets it to its initial state.
 ///
-/// The values of dictionary and parameters and the images of the process data are in `S`, which has
-/// at least [`Description::store_len`] bytes.
+/// The values of dictionary and parameters, the images of the process data and the messages of the
+/// mailbox are in `S`, which has at least [`Description::store_len`] bytes.
 pub struct SubDevice<A, S> {
     pub(crate) application: A,
     pub(crate) dictionary: Dictionary<S>,
@@ -61,12 +61,12 @@ pub struct SubDevice<A, S> {
 }
 
 impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
-    /// A SubDevice after power-on. The values of the dictionary are in `store`, which belongs to
-    /// the device and must be long enough. The description is copied, except for its objects.
+    /// A SubDevice after power-on. Its values and messages are in `store`, which belongs to the
+    /// device and must be long enough. The description is copied, except for its objects.
     pub fn new(description: &Description, store: S, application: A) -> Self {
-        let dictionary = Dictionary::new(description, store);
+        let mut dictionary = Dictionary::new(description, store);
         let mut sync = SyncEngine::new();
-        sync.load_settings(&dictionary);
+        sync.load_settings(&dictionary.values());
         Self {
             application,
             dictionary,
@@ -94,7 +94,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.services.reset();
         self.process_data = ProcessData::new();
         self.sync = self.sync.renewed();
-        self.sync.load_settings(&self.dictionary);
+        self.sync.load_settings(&self.dictionary.values());
         self.chosen = Chosen::default();
         self.station = 0;
         self.retry = None;
@@ -137,8 +137,10 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         if events & al_event::SM_ACTIVATION != 0 {
             self.sync_managers_changed(pdi);
         }
-        if events & al_event::SM_ACTIVATION != 0 || self.mailbox.is_repeating() {
-            self.mailbox.check_repeat(pdi);
+        if (events & al_event::SM_ACTIVATION != 0 || self.mailbox.is_repeating())
+            && let Some((_, room)) = self.dictionary.values_and_room()
+        {
+            self.mailbox.check_repeat(&room, pdi);
         }
         if events & al_event::WATCHDOG != 0 {
             self.watchdog_expired(pdi);
@@ -146,16 +148,19 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         // The events are read again, because a repetition may have filled the read mailbox.
         let events = pdi.events();
         let held = self.mailbox.wants(events) && self.holds_mailbox(now);
-        if self.mailbox.wants(events) && !held {
+        if self.mailbox.wants(events)
+            && !held
+            && let Some((dictionary, mut room)) = self.dictionary.values_and_room()
+        {
             self.answered_late = None;
             let mut objects = Objects {
-                dictionary: &mut self.dictionary,
+                dictionary,
                 application: &mut self.application,
                 sync: &mut self.sync,
                 chosen: &mut self.chosen,
                 state: self.esm.state,
             };
-            self.mailbox.poll(events, &mut self.services, &mut objects, pdi);
+            self.mailbox.poll(events, &mut self.services, &mut objects, &mut room, pdi);
         }
         self.continue_opening(now, pdi);
         self.supervise(now, pdi);

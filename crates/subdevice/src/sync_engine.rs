@@ -6,7 +6,7 @@ use isocat_wire::time::{Device, Time};
 use isocat_wire::{Nanos, ObjectAddress};
 
 use crate::description::{Behaviour, MissedEvents};
-use crate::dictionary::Dictionary;
+use crate::dictionary::Values;
 use crate::measurement::Measurement;
 use crate::misbehaviour::{self, Misbehaviour};
 use crate::missed::MissedCounter;
@@ -221,10 +221,7 @@ impl SyncEngine {
     }
 
     /// Takes the settings from the dictionary: after power-on and whenever one may have changed.
-    pub(crate) fn load_settings<S: AsRef<[u8]> + AsMut<[u8]>>(
-        &mut self,
-        dictionary: &Dictionary<S>,
-    ) {
+    pub(crate) fn load_settings(&mut self, dictionary: &Values<'_>) {
         let behaviour = &dictionary.description().behaviour;
         let time = |index, sub| Nanos::from_u32(dictionary.value(index, sub).unwrap_or_default());
         let ignores = behaviour.faults().contains(&Misbehaviour::IgnoresShift);
@@ -737,10 +734,7 @@ fn supervision_time_sync1(sync0: Nanos, sync1: Nanos) -> Option<Nanos> {
 }
 
 /// 0x10F1:02, or the device's own limit.
-fn error_limit<S: AsRef<[u8]> + AsMut<[u8]>>(
-    dictionary: &Dictionary<S>,
-    behaviour: &Behaviour,
-) -> u16 {
+fn error_limit(dictionary: &Values<'_>, behaviour: &Behaviour) -> u16 {
     let set = dictionary.value(ERROR_SETTINGS, SYNC_ERROR_LIMIT);
     let more = misbehaviour::number(behaviour.faults(), |fault| match *fault {
         Misbehaviour::WrongLimit(more) => Some(more),
@@ -786,6 +780,6 @@ mod tests {
         use core::mem::size_of;
         // A microcontroller needs no list of misbehaviours.
         let size = size_of::<crate::SubDevice<(), [u8; 0]>>() - size_of::<crate::Misbehaviours>();
-        assert!((3_500..4_600).contains(&size), "{size} bytes without the values");
+        assert!((600..1_200).contains(&size), "{size} bytes without the store");
     }
 }

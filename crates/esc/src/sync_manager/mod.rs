@@ -13,6 +13,7 @@ use isocat_wire::sync_manager::SyncManager;
 
 use crate::chip::Chip;
 use crate::memory::Registers;
+use crate::room::Room;
 use unit::{PDI_DEACTIVATED, Unit};
 
 /// The side that accesses.
@@ -61,7 +62,7 @@ pub(crate) struct Exchanged {
 
 /// All SyncManagers of an ESC.
 pub(crate) struct SyncManagers {
-    units: [Unit; 16],
+    slots: Room<Slot, MOST>,
     count: usize,
     /// Units that guard memory: they are enabled and have a length.
     guarding: u16,
@@ -75,13 +76,8 @@ pub(crate) struct SyncManagers {
     closing: u16,
     /// Units whose activation ECAT wrote and the PDI has not read since.
     changed: u16,
-    /// Units that the frame in flight accessed, and their state before it.
+    /// Units that the frame in flight accessed.
     touched: u16,
-    before: [Unit; 16],
-    /// The labels of the contents, by unit and buffer; see [`crate::Esc::label`]. They are kept
-    /// apart from the units so that a frame does not copy them. A label changes only when a buffer
-    /// changes hands, and that is never undone.
-    labels: [[u64; 3]; 16],
     /// The label of the bytes that the PDI writes.
     pub pdi_label: u64,
     /// The PDI releases a buffer that it reads by writing the last byte: register 0x014E bit 0.
@@ -90,12 +86,27 @@ pub(crate) struct SyncManagers {
     shows_in_use: bool,
 }
 
+/// One SyncManager, and what is kept for it.
+#[derive(Clone, Copy)]
+struct Slot {
+    unit: Unit,
+    /// The unit before the frame in flight, if the frame accessed it.
+    before: Unit,
+    /// The labels of the contents by buffer; see [`crate::Esc::label`]. A frame does not copy them:
+    /// a label changes only when a buffer changes hands, and that is never undone.
+    labels: [u64; 3],
+}
+
+impl Slot {
+    const REST: Self = Self { unit: Unit::REST, before: Unit::REST, labels: [0; 3] };
+}
+
 impl SyncManagers {
     /// The SyncManagers of `chip` at rest.
     pub fn new(chip: &Chip) -> Self {
-        let count = usize::from(chip.sm_count.min(16));
+        let count = usize::from(chip.sm_count).min(MOST);
         Self {
-            units: [Unit::REST; 16],
+            slots: Room::new(count, Slot::REST),
             count,
             guarding: 0,
             alone: 0,
@@ -104,8 +115,6 @@ impl SyncManagers {
             closing: 0,
             changed: 0,
             touched: 0,
-            before: [Unit::REST; 16],
-            labels: [[0; 3]; 16],
             pdi_label: 0,
             release_by_write: chip.acknowledge_by_write,
             shows_in_use: chip.sm_buffer_in_use,
@@ -165,7 +174,7 @@ impl SyncManagers {
     pub fn write_registers(&mut self, address: u16, len: usize) {
         let first = usize::from(address);
         for number in bits(self.guarding) {
-            let unit = &self.units[number];
+            let unit = &self.slots[number].unit;
             let last = unit.end() - 1;
             if unit.config.is_ecat_write()
                 && last < PROCESS_RAM
@@ -198,7 +207,7 @@ impl SyncManagers {
     /// 0 without a label.
     #[inline]
     pub fn label(&self, number: usize) -> u64 {
-        self.labels[number & 15][self.units[number & 15].buffer(Direction::Read)]
+        self.slots.get(number).map_or(0, |slot| slot.labels[slot.unit.buffer(Direction::Read)])
     }
 
     /// Handles the end of a good frame: buffers that ECAT closed change hands, and those that it
@@ -208,12 +217,12 @@ impl SyncManagers {
         let closed = core::mem::take(&mut self.closing);
         let mut exchanged = Exchanged { units: closed, ..Exchanged::default() };
         for number in bits(closed) {
-            let unit = &mut self.units[number];
+            let Slot { unit, labels, .. } = &mut self.slots[number];
             if self.plain & 1 << number != 0 {
                 let event = unit.config.control & SyncManager::CONTROL_AL_EVENT != 0;
                 let before = if unit.config.is_ecat_write() {
                     let before = unit.int_written;
-                    self.labels[number][unit.producer()] = label;
+                    labels[unit.producer()] = label;
                     exchanged.watchdog |= unit.written();
                     before
                 } else {
@@ -224,7 +233,7 @@ impl SyncManagers {
                 continue;
             }
             if unit.config.is_ecat_write() {
-                self.labels[number][unit.buffer(Direction::Write)] = label;
+                labels[unit.buffer(Direction::Write)] = label;
             }
             let before = unit.raises_al_event();
             exchanged.watchdog |= unit.complete(Side::Ecat);
@@ -240,7 +249,9 @@ impl SyncManagers {
     pub fn end_bad_frame(&mut self) {
         self.closing = 0;
         for number in bits(core::mem::take(&mut self.touched)) {
-            self.units[number] = self.before[number];
+            if let Some(slot) = self.slots.get_mut(number) {
+                slot.unit = slot.before;
+            }
         }
     }
 
@@ -250,7 +261,7 @@ impl SyncManagers {
         let mut outcome = Access::default();
         let first = usize::from(address);
         for number in bits(self.guarding) {
-            let unit = &mut self.units[number];
+            let unit = &mut self.slots[number].unit;
             let last = unit.end() - 1;
             if self.release_by_write
                 && unit.is_open_for_reading()
@@ -277,7 +288,7 @@ impl SyncManagers {
             self.changed |= 1 << number;
         }
         let config = registers.load(sync_manager(number));
-        let unit = &mut self.units[number];
+        let unit = &mut self.slots[number].unit;
         if config.is_enabled() != unit.config.is_enabled() {
             unit.reset();
         }
@@ -290,7 +301,7 @@ impl SyncManagers {
         if number >= self.count {
             return;
         }
-        let unit = &mut self.units[number];
+        let unit = &mut self.slots[number].unit;
         if (value ^ unit.config.pdi_control) & PDI_DEACTIVATED != 0 {
             unit.reset();
         }
@@ -307,14 +318,14 @@ impl SyncManagers {
 
     /// Whether the configuration bytes of this SyncManager are locked.
     pub fn is_enabled(&self, number: usize) -> bool {
-        self.units[number & 15].config.is_enabled()
+        self.slots.get(number).is_some_and(|slot| slot.unit.config.is_enabled())
     }
 
     /// The bits of the AL event request (0x0220) that come from SyncManagers.
     pub fn al_events(&self) -> u32 {
         let mut events = if self.changed != 0 { al_event::SM_ACTIVATION } else { 0 };
         for number in bits(self.guarding) {
-            let unit = &self.units[number];
+            let unit = &self.slots[number].unit;
             if unit.raises_al_event() {
                 events |= al_event::sync_manager(number);
             }
@@ -327,7 +338,7 @@ impl SyncManagers {
     pub fn ecat_events(&self) -> u16 {
         let mut events = 0;
         for number in bits(self.guarding & 0x00FF) {
-            let unit = &self.units[number];
+            let unit = &self.slots[number].unit;
             let raised = if unit.config.is_ecat_write() { unit.int_read } else { unit.int_written };
             if raised && unit.config.control & SyncManager::CONTROL_ECAT_EVENT != 0 {
                 events |= 1 << (4 + number);
@@ -339,10 +350,10 @@ impl SyncManagers {
     /// ECAT opens, accesses and closes one area as a whole. Returns its place in memory if allowed.
     #[inline]
     pub fn ecat_whole(&mut self, direction: Direction, number: usize) -> Option<usize> {
-        let unit = &mut self.units[number];
+        let Slot { unit, before, .. } = &mut self.slots[number];
         if self.touched & 1 << number == 0 {
             self.touched |= 1 << number;
-            self.before[number] = *unit;
+            *before = *unit;
         }
         let is_plain = self.plain & 1 << number != 0;
         let place = match direction {
@@ -362,14 +373,14 @@ impl SyncManagers {
     /// and nothing was done.
     #[inline]
     pub fn pdi_whole(&mut self, direction: Direction, number: usize) -> Option<(usize, bool)> {
-        let unit = &mut self.units[number];
+        let Slot { unit, labels, .. } = &mut self.slots[number];
         if self.plain & 1 << number == 0 || unit.direction_of(Side::Pdi) != direction {
             return None;
         }
         let (place, watchdog) = match direction {
             Direction::Write => {
                 let place = unit.write_whole(Side::Pdi);
-                self.labels[number][unit.producer()] = self.pdi_label;
+                labels[unit.producer()] = self.pdi_label;
                 (place, unit.written())
             }
             Direction::Read => {
@@ -389,10 +400,10 @@ impl SyncManagers {
         part: Range<usize>,
         outcome: &mut Access,
     ) -> Option<usize> {
-        let unit = &mut self.units[number];
+        let Slot { unit, before, labels } = &mut self.slots[number];
         if side == Side::Ecat && self.touched & 1 << number == 0 {
             self.touched |= 1 << number;
-            self.before[number] = *unit;
+            *before = *unit;
         }
         let offset = part.start - usize::from(unit.config.start);
         let place = unit.admit(side, direction, offset)?;
@@ -408,7 +419,7 @@ impl SyncManagers {
                 Side::Pdi if held && unit.config.length > 1 => {}
                 Side::Pdi => {
                     if direction == Direction::Write {
-                        self.labels[number][unit.buffer(direction)] = self.pdi_label;
+                        labels[unit.buffer(direction)] = self.pdi_label;
                     }
                     outcome.watchdog |= unit.complete(side);
                     outcome.changed |= latch;
@@ -423,8 +434,8 @@ impl SyncManagers {
     /// The unit that guards exactly these addresses and shares none of them with another unit.
     fn whole(&self, first: usize, end: usize) -> Option<usize> {
         let found = bits(self.alone)
-            .find(|number| usize::from(self.units[*number].config.start) == first)?;
-        (self.units[found].end() == end).then_some(found)
+            .find(|number| usize::from(self.slots[*number].unit.config.start) == first)?;
+        (self.slots[found].unit.end() == end).then_some(found)
     }
 
     /// The unit of three buffers that guards exactly these addresses and shares none of them with
@@ -432,18 +443,18 @@ impl SyncManagers {
     pub fn three_buffers(&self, start: u16, length: u16) -> Option<usize> {
         let first = usize::from(start);
         let number = self.whole(first, first + usize::from(length))?;
-        self.units[number].is_buffered().then_some(number)
+        self.slots[number].unit.is_buffered().then_some(number)
     }
 
     /// Finds the units whose areas no other unit's buffers overlap, and the end of the last buffer.
     fn find_alone(&mut self) {
         (self.alone, self.plain, self.reserved_end) = (0, 0, 0);
         for number in bits(self.guarding) {
-            let unit = &self.units[number];
+            let unit = &self.slots[number].unit;
             let (start, end) = (usize::from(unit.config.start), unit.end());
             self.reserved_end = self.reserved_end.max(unit.reserved_end());
             let shared = bits(self.guarding & !(1 << number)).any(|other| {
-                let other = &self.units[other];
+                let other = &self.slots[other].unit;
                 start < other.reserved_end() && usize::from(other.config.start) < end
             });
             if !shared {
@@ -457,7 +468,7 @@ impl SyncManagers {
     fn at(&self, address: usize) -> Place {
         let mut place = Place::Free;
         for number in bits(self.guarding) {
-            let unit = &self.units[number];
+            let unit = &self.slots[number].unit;
             let start = usize::from(unit.config.start);
             if (start..unit.end()).contains(&address) {
                 return Place::Guarded(number);
@@ -473,7 +484,7 @@ impl SyncManagers {
     fn boundary(&self, at: usize, end: usize) -> usize {
         let mut next = end;
         for number in bits(self.guarding) {
-            let unit = &self.units[number];
+            let unit = &self.slots[number].unit;
             for edge in [usize::from(unit.config.start), unit.end(), unit.reserved_end()] {
                 if edge > at && edge < next {
                     next = edge;
@@ -484,7 +495,7 @@ impl SyncManagers {
     }
 
     fn update(&mut self, number: usize) {
-        let config = &self.units[number].config;
+        let config = &self.slots[number].unit.config;
         let bit = 1 << number;
         if config.is_enabled() && config.length > 0 {
             self.guarding |= bit;
@@ -508,7 +519,7 @@ impl SyncManagers {
     /// The status byte of a SyncManager; 0 if the chip does not have it.
     pub fn status(&self, number: usize) -> u8 {
         let exists = number < self.count;
-        if exists { self.units[number & 15].status(self.shows_in_use) } else { 0 }
+        if exists { self.slots[number].unit.status(self.shows_in_use) } else { 0 }
     }
 }
 
@@ -540,6 +551,8 @@ fn bits(mut mask: u16) -> impl Iterator<Item = usize> {
     })
 }
 
+/// Most SyncManagers of an ESC.
+const MOST: usize = 16;
 const PROCESS_RAM: usize = isocat_wire::register::PROCESS_RAM as usize;
 /// Bytes of one SyncManager's registers.
 pub(crate) const SM_LEN: u16 = <SyncManager as Value>::LEN as u16;

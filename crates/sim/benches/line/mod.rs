@@ -8,6 +8,8 @@
 
 #![allow(dead_code, reason = "bench, example and tests use different parts")]
 
+mod mailbox;
+
 use isocat_esc::LAN9252;
 use isocat_maindevice::{AssumedTimes, Config, DeviceConfig, Event, Motion};
 use isocat_sim::segment::Segment;
@@ -15,7 +17,7 @@ use isocat_sim::{
     Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Setup, Tap, World,
 };
 use isocat_subdevice::description::{Behaviour, Description, ProcessDataArea};
-use isocat_subdevice::io::Io;
+use isocat_subdevice::io::IoOf;
 use isocat_sync::SyncMode;
 use isocat_wire::datagram::{Address, Layouts};
 use isocat_wire::dc::SyncActivation;
@@ -51,12 +53,16 @@ static DESCRIPTION: Description = Description {
 
 /// The line's connections. Clocks deviate by up to ±20 ppm.
 pub fn connections(count: usize) -> Vec<Connection> {
+    connections_of(count, &DESCRIPTION)
+}
+
+fn connections_of(count: usize, description: &Description) -> Vec<Connection> {
     let sii: std::sync::Arc<[u8]> = sii().into();
     let device = |position: usize| DeviceSetup {
         chip: LAN9252,
         sii: sii.clone(),
-        description: DESCRIPTION.clone(),
-        application: Box::new(Io::default()),
+        description: description.clone(),
+        application: Box::new(IoOf::<32>::default()),
         cpu: CpuModel::default(),
         // The first one is the reference clock, and it runs in true time, since no host follows it
         // here.
@@ -95,7 +101,16 @@ pub struct Line {
 impl Line {
     /// `count` SubDevices, brought up to OP. Panics if one does not come up.
     pub fn new(count: usize) -> Self {
-        let segment = Segment::new(connections(count), 1);
+        Self::of(count, &DESCRIPTION)
+    }
+
+    /// The same of devices with a mailbox and an object dictionary. Each has answered a request.
+    pub fn with_mailbox(count: usize) -> Self {
+        Self::of(count, &mailbox::DESCRIPTION)
+    }
+
+    fn of(count: usize, description: &Description) -> Self {
+        let segment = Segment::new(connections_of(count, description), 1);
         let mut line = Self {
             segment,
             count,
@@ -107,7 +122,13 @@ impl Line {
             number: 0,
         };
         line.set_up();
+        if description.mailbox.is_some() {
+            line.open_mailbox();
+        }
         line.change(AlState::PreOp);
+        if description.mailbox.is_some() {
+            line.ask();
+        }
         line.start_sync();
         line.change(AlState::SafeOp);
         line.write(register::AL_CONTROL, AlControl::request(AlState::Op));
@@ -256,12 +277,19 @@ impl Line {
     }
 
     fn write<T: Value>(&mut self, register: Register<T>, value: T) {
+        self.broadcast(Command::Bwr, register.address, value.to_bytes().as_ref());
+    }
+
+    /// One datagram to all; returns its data and its working counter.
+    fn broadcast(&mut self, command: Command, address: u16, data: &[u8]) -> (Vec<u8>, u16) {
         let mut buffer = vec![0; frame::MAX_LEN];
         let mut writer = FrameWriter::new(&mut buffer, SOURCE);
-        let address = Address::Broadcast(register.address);
-        writer.push(Command::Bwr, 0, address, value.to_bytes().as_ref()).expect("room for one");
+        let address = Address::Broadcast(address);
+        let at = writer.push(command, 0, address, data).expect("room for one");
         let len = writer.finish();
         self.pass(&mut buffer[..len]);
+        let end = at + data.len();
+        (buffer[at..end].to_vec(), u16::from_le_bytes([buffer[end], buffer[end + 1]]))
     }
 
     /// Passes a frame of the bring-up and waits until it is over everywhere.

@@ -23,10 +23,10 @@ pub(crate) enum Outcome {
     Error(ErrorDetail),
 }
 
-/// The server and its present transfer. A new request ends the previous transfer.
+/// The server and its present transfer, whose data are in a buffer of the caller. A new request ends
+/// the previous transfer.
 pub(crate) struct Server {
     transfer: Transfer,
-    buffer: [u8; MAX_TRANSFER],
     list: Option<List>,
 }
 
@@ -52,8 +52,8 @@ enum Transfer {
 
 impl Server {
     /// No transfer.
-    pub fn new() -> Self {
-        Self { transfer: Transfer::Idle, buffer: [0; MAX_TRANSFER], list: None }
+    pub const fn new() -> Self {
+        Self { transfer: Transfer::Idle, list: None }
     }
 
     /// Drops the present transfer.
@@ -62,25 +62,15 @@ impl Server {
         self.list = None;
     }
 
-    /// The buffer for transfers of other protocols, while there is no transfer of CoE.
-    pub fn buffer_mut(&mut self) -> &mut [u8; MAX_TRANSFER] {
-        &mut self.buffer
-    }
-
-    /// The same buffer, read only.
-    pub const fn buffer(&self) -> &[u8; MAX_TRANSFER] {
-        &self.buffer
-    }
-
     /// Whether the last answer has a continuation that needs no request.
     pub fn has_more(&self) -> bool {
         self.list.is_some()
     }
 
     /// Continues the last answer.
-    pub fn more<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
+    pub fn more<A: Application>(
         &mut self,
-        objects: &mut Objects<'_, A, S>,
+        objects: &mut Objects<'_, A>,
         reply: &mut [u8],
     ) -> Outcome {
         let Some(list) = self.list else { return Outcome::Silent };
@@ -90,10 +80,11 @@ impl Server {
     }
 
     /// Answers a request; `request` and `reply` begin with the CoE header.
-    pub fn handle<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
+    pub fn handle<A: Application>(
         &mut self,
         request: &[u8],
-        objects: &mut Objects<'_, A, S>,
+        objects: &mut Objects<'_, A>,
+        buffer: &mut [u8; MAX_TRANSFER],
         reply: &mut [u8],
     ) -> Outcome {
         let Some((header, body)) = request.split_first_chunk::<HEADER_LEN>() else {
@@ -116,7 +107,7 @@ impl Server {
                     let abort = Initiate::abort(object, AbortCode::GENERAL).emit();
                     return spoiled(answer, Service::SDO_RESPONSE, &abort, reply);
                 }
-                match self.sdo(initiate, body, objects, &mut reply[HEADER_LEN..]) {
+                match self.sdo(initiate, body, objects, buffer, &mut reply[HEADER_LEN..]) {
                     Ok(len) => finish(Service::SDO_RESPONSE, len, reply),
                     Err((object, code)) => {
                         self.transfer = Transfer::Idle;
@@ -147,40 +138,42 @@ impl Server {
         }
     }
 
-    fn sdo<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
+    fn sdo<A: Application>(
         &mut self,
         initiate: Initiate,
         body: &[u8],
-        objects: &mut Objects<'_, A, S>,
+        objects: &mut Objects<'_, A>,
+        buffer: &mut [u8; MAX_TRANSFER],
         reply: &mut [u8],
     ) -> Result<usize, (ObjectAddress, AbortCode)> {
         let object = initiate.object;
         match initiate.command.specifier() {
-            specifier::REQUEST_DOWNLOAD => self.download(initiate, body, objects, reply),
-            specifier::REQUEST_UPLOAD => self.upload(initiate, objects, reply),
+            specifier::REQUEST_DOWNLOAD => self.download(initiate, body, objects, buffer, reply),
+            specifier::REQUEST_UPLOAD => self.upload(initiate, objects, buffer, reply),
             specifier::REQUEST_DOWNLOAD_SEGMENT => {
-                return self.download_segment(body, objects, reply);
+                return self.download_segment(body, objects, buffer, reply);
             }
-            specifier::REQUEST_UPLOAD_SEGMENT => return self.upload_segment(body, reply),
+            specifier::REQUEST_UPLOAD_SEGMENT => return self.upload_segment(body, buffer, reply),
             _ => Err(AbortCode::COMMAND_SPECIFIER),
         }
         .map_err(|code| (object, code))
     }
 
-    fn upload<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
+    fn upload<A: Application>(
         &mut self,
         Initiate { command, object, .. }: Initiate,
-        objects: &mut Objects<'_, A, S>,
+        objects: &mut Objects<'_, A>,
+        buffer: &mut [u8; MAX_TRANSFER],
         reply: &mut [u8],
     ) -> Result<usize, AbortCode> {
         self.transfer = Transfer::Idle;
         let complete = command.complete();
         let total = if complete {
-            objects.read_complete(object.index, object.sub, &mut self.buffer)?
+            objects.read_complete(object.index, object.sub, buffer)?
         } else {
-            objects.read(object, &mut self.buffer)?
+            objects.read(object, buffer)?
         };
-        let value = &self.buffer[..total];
+        let value = &buffer[..total];
         let mut data = [0; 4];
         let (command, inline) = if (1..=data.len()).contains(&total) {
             data[..total].copy_from_slice(value);
@@ -201,6 +194,7 @@ impl Server {
     fn upload_segment(
         &mut self,
         body: &[u8],
+        buffer: &[u8; MAX_TRANSFER],
         reply: &mut [u8],
     ) -> Result<usize, (ObjectAddress, AbortCode)> {
         let Transfer::Upload { object, done, total, toggle } = self.transfer else {
@@ -212,7 +206,7 @@ impl Server {
         let len = (total - done).min(reply.len() - 1);
         let last = done + len == total;
         reply[0] = SegmentCommand::data(toggle, len, last).0;
-        reply[1..=len].copy_from_slice(&self.buffer[done..done + len]);
+        reply[1..=len].copy_from_slice(&buffer[done..done + len]);
         let padded = len.max(MIN_SEGMENT_DATA);
         reply[1 + len..=padded].fill(0);
         self.transfer = if last {
@@ -223,11 +217,12 @@ impl Server {
         Ok(1 + padded)
     }
 
-    fn download<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
+    fn download<A: Application>(
         &mut self,
         Initiate { command, object, data }: Initiate,
         body: &[u8],
-        objects: &mut Objects<'_, A, S>,
+        objects: &mut Objects<'_, A>,
+        buffer: &mut [u8; MAX_TRANSFER],
         reply: &mut [u8],
     ) -> Result<usize, AbortCode> {
         self.transfer = Transfer::Idle;
@@ -251,7 +246,7 @@ impl Server {
             if inline.len() == total {
                 write(objects, object, complete, inline)?;
             } else {
-                self.buffer[..inline.len()].copy_from_slice(inline);
+                buffer[..inline.len()].copy_from_slice(inline);
                 let done = inline.len();
                 self.transfer = Transfer::Download { object, complete, done, total, toggle: false };
             }
@@ -262,10 +257,11 @@ impl Server {
         Ok(INITIATE_LEN)
     }
 
-    fn download_segment<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
+    fn download_segment<A: Application>(
         &mut self,
         body: &[u8],
-        objects: &mut Objects<'_, A, S>,
+        objects: &mut Objects<'_, A>,
+        buffer: &mut [u8; MAX_TRANSFER],
         reply: &mut [u8],
     ) -> Result<usize, (ObjectAddress, AbortCode)> {
         let Transfer::Download { object, complete, done, total, toggle } = self.transfer else {
@@ -280,13 +276,12 @@ impl Server {
         if now_done > total {
             return Err((object, AbortCode::TOO_LONG));
         }
-        self.buffer[done..now_done].copy_from_slice(data);
+        buffer[done..now_done].copy_from_slice(data);
         if command.last() {
             if now_done < total {
                 return Err((object, AbortCode::TOO_SHORT));
             }
-            write(objects, object, complete, &self.buffer[..total])
-                .map_err(|code| (object, code))?;
+            write(objects, object, complete, &buffer[..total]).map_err(|code| (object, code))?;
             self.transfer = Transfer::Idle;
         } else {
             let (done, toggle) = (now_done, !toggle);
@@ -298,8 +293,8 @@ impl Server {
     }
 }
 
-fn write<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
-    objects: &mut Objects<'_, A, S>,
+fn write<A: Application>(
+    objects: &mut Objects<'_, A>,
     object: ObjectAddress,
     complete: bool,
     data: &[u8],

@@ -212,7 +212,7 @@ async fn approach(
             let device = &mut segment.devices[*device];
             let difference = difference.nanos(device.difference_polarity);
             device.difference = Some(difference);
-            are_near &= difference.abs() <= limits.mean + limits.noise + limits.noise;
+            are_near &= difference.abs().0 <= limits.mean.0 / 2 + 2 * limits.noise.0;
         }
         if are_near || next_reading >= end {
             return Ok(());

@@ -62,6 +62,7 @@ impl Envelope {
 
     /// Adds a pair and returns the new line. `window` is the memory in samples, `noise` the usual
     /// height of pairs, ns.
+    #[inline(never)]
     pub fn sample(
         &mut self,
         line: &Line,

@@ -47,14 +47,15 @@ use way::{Activity, Piece};
 ///   [`next_timeout`] is reached.
 /// - Output, to be drained after each input: [`poll_cycle`], which calls the application if a cycle
 ///   is complete; [`poll_event`] until it returns `None`; [`poll_transmit`] until it returns
-///   `None`; then [`next_timeout`] again. A [`Runner`](crate::Runner) keeps this order.
+///   `None`, which [`has_frame`] foresees; then [`next_timeout`] again. A [`Runner`](crate::Runner) keeps this order.
 /// - A ring ([`Config::ring`]): [`poll_secondary`] returns the frames of its second port, to be
 ///   drained after each frame of [`poll_transmit`], and [`handle_frame_at`] takes frames received
 ///   at either port.
 /// - Process data: [`outputs_mut`] and [`inputs`], as the [`Application`](crate::Application) has
 ///   them in each cycle.
 /// - Requests while it runs: [`upload`], [`download`], [`read_memory`], [`stop`].
-/// - State: [`segment`], [`statistics`], [`stage`], [`next_cycle`], [`frames_in_flight`].
+/// - State: [`segment`], [`statistics`] or [`counts`], [`stage`], [`next_cycle`],
+///   [`frames_in_flight`].
 ///
 /// Time is the caller's monotonic clock, read as late as possible: the `now` of [`poll_transmit`]
 /// is the time stamp of the frame that it returns, and the clock servo follows these stamps. Time
@@ -83,6 +84,8 @@ use way::{Activity, Piece};
 /// [`stop`]: Self::stop
 /// [`segment`]: Self::segment
 /// [`statistics`]: Self::statistics
+/// [`counts`]: Self::counts
+/// [`has_frame`]: Self::has_frame
 /// [`stage`]: Self::stage
 pub struct MainDevice {
     config: Arc<Config>,
@@ -227,6 +230,15 @@ impl MainDevice {
         self.next_frame(is_cyclic, now, buffer)
     }
 
+    /// Whether [`Self::poll_transmit`] may have a frame at `now`. If not, a loop need not read its
+    /// clock for the frame's time stamp.
+    #[inline]
+    pub fn has_frame(&self, now: Time<Host>) -> bool {
+        let is_cyclic = || self.cycle.as_ref().is_some_and(|cycle| cycle.has_frame(now));
+        !matches!(self.activity, Activity::Over)
+            && (is_cyclic() || self.shared().port.first_len().is_some())
+    }
+
     fn next_frame(&mut self, is_cyclic: bool, now: Time<Host>, buffer: &mut [u8]) -> Option<usize> {
         let Self { shared, cycle, .. } = self;
         let shared = in_hand(shared);
@@ -340,7 +352,13 @@ impl MainDevice {
 
     /// Counts so far.
     pub fn statistics(&self) -> Statistics {
-        self.shared().board.statistics
+        *self.counts()
+    }
+
+    /// The same in place: they are many, and a loop looks at one or two in each cycle.
+    #[inline]
+    pub fn counts(&self) -> &Statistics {
+        &self.shared().board.statistics
     }
 
     /// The last stage of bring-up or shutdown that was begun.

@@ -4,9 +4,9 @@
 //! once the segment is in operation. All frames of a cycle are sent back to back before any is
 //! received.
 //!
-//! The clock is read where an instant matters: before each frame that is sent, when a frame has come
-//! in, and after waiting. In between the last reading serves; anything that becomes due meanwhile is
-//! seen in the next step.
+//! The clock is read where an instant matters: before each frame that is sent, when a frame has
+//! come in, and after waiting. In between the last reading serves; anything that becomes due
+//! meanwhile is seen in the next step.
 
 use isocat_maindevice::{Application, Config, Event, FRAME_LEN, MainDevice};
 use isocat_wire::time::{Host, Nanos, Time};

@@ -47,7 +47,8 @@ use way::{Activity, Piece};
 ///   [`next_timeout`] is reached.
 /// - Output, to be drained after each input: [`poll_cycle`], which calls the application if a cycle
 ///   is complete; [`poll_event`] until it returns `None`; [`poll_transmit`] until it returns
-///   `None`, which [`has_frame`] foresees; then [`next_timeout`] again. A [`Runner`](crate::Runner) keeps this order.
+///   `None`, which [`has_frame`] foresees; then [`next_timeout`] again. A
+///   [`Runner`](crate::Runner) keeps this order.
 /// - A ring ([`Config::ring`]): [`poll_secondary`] returns the frames of its second port, to be
 ///   drained after each frame of [`poll_transmit`], and [`handle_frame_at`] takes frames received
 ///   at either port.

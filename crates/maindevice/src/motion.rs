@@ -126,8 +126,8 @@ impl Application for Motion {
     }
 }
 
-/// Writes a count, each byte one more than the one before. `ramp` is its beginning: so many bytes at
-/// a time are one vector.
+/// Writes a count, each byte one more than the one before. `ramp` is its beginning: so many bytes
+/// at a time are one vector.
 fn count(outputs: &mut [u8], ramp: &[u8; 16]) {
     for (at, bytes) in outputs.chunks_mut(ramp.len()).enumerate() {
         let value = ramp.map(|value| value.wrapping_add((ramp.len() * at) as u8));

@@ -346,8 +346,8 @@ impl Running<'_> {
         }
     }
 
-    /// Runs the segment. It is never inlined, so that a profile separates operation from the ways up
-    /// and down.
+    /// Runs the segment. It is never inlined, so that a profile separates operation from the ways
+    /// up and down.
     #[inline(never)]
     fn operate(&mut self, duration: Nanos) -> End {
         let began = clock::now();

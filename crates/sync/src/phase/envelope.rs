@@ -344,8 +344,8 @@ mod tests {
         }
     }
 
-    /// Passing points over changes no bit of the line, with clocks of any rate, heights of any size,
-    /// and cycles from 50 us to longer than whole numbers take.
+    /// Passing points over changes no bit of the line, with clocks of any rate, heights of any
+    /// size, and cycles from 50 us to longer than whole numbers take.
     #[test]
     fn the_fit_is_the_plain_one() {
         let mut random = 0x2545_F491_4F6C_DD1D_u64;

@@ -94,7 +94,7 @@ after=$(cut -d' ' -f1 "/proc/$served/schedstat")
 stop
 awk -v ns=$((after - before)) 'BEGIN { printf "built-in segment, nobody sends: %.3f %%\n", ns / 5e7 }'
 
-printf '\n## isocat run --interface: system calls and user instructions of a cycle, 10 SubDevices, 10 ms\n'
+printf '\n## isocat run --interface: system calls of a cycle, 10 SubDevices, 10 ms (user instructions: benches/live.sh)\n'
 # As the difference of a run of 2 s and one of 32 s, so that the way up is in neither figure.
 tens=$(segment 10 simple_io16)
 sed -i 's/cycle = "1ms"/cycle = "10ms"/; s/200us/1ms/' "$tens"
@@ -106,7 +106,7 @@ run() { # DURATION TOOL...
   ip netns exec $ns "$@" "$isocat" run "$tens" --interface $ns --for "$duration" --json > "$folder/run-$duration.json" 2> "$folder/log" || true
   stop
 }
-cycles() { sed -n 's/.*"cycles": \([0-9]*\).*/\1/p' "$folder/run-$1.json" | head -1; }
+cycles() { sed -n 's/^    "cycles": \([0-9]*\).*/\1/p' "$folder/run-$1.json" | head -1; }
 each() { # SHORT LONG WHAT
   awk -v a="$1" -v b="$2" -v n=$(($(cycles 32s) - $(cycles 2s))) -v what="$3" 'BEGIN { printf "%s: %.2f\n", what, (b - a) / n }'
 }
@@ -119,18 +119,6 @@ if command -v strace > /dev/null; then
   each "$short" "$long" "system calls a cycle"
 else
   echo "system calls: skipped, strace is missing (apt-get install strace)"
-fi
-if command -v valgrind > /dev/null; then
-  part() { # FUNCTION FILE: instructions of it and what it calls
-    callgrind_annotate --threshold=100 --inclusive=yes "$folder/callgrind-$2" 2>/dev/null | grep -F "$1" | head -1 | awk '{ gsub(",", "", $1); print $1 }'
-  }
-  for duration in 2s 32s; do run $duration valgrind --tool=callgrind --callgrind-out-file="$folder/callgrind-$duration"; done
-  total() { sed -n 's/^totals: //p' "$folder/callgrind-$1"; }
-  each "$(total 2s)" "$(total 32s)" "user instructions a cycle"
-  each "$(part 'exchange::spin' 2s)" "$(part 'exchange::spin' 32s)" "  of these, reading the clock until the instant has come"
-  each "$(part 'Control>::cycle' 2s)" "$(part 'Control>::cycle' 32s)" "  and the application that writes 160 bytes"
-else
-  echo "user instructions: skipped, valgrind is missing (apt-get install valgrind)"
 fi
 
 printf '\n## Round trip of all frames of a cycle, 100 SubDevices (16+16 bytes), 1 kHz, against the same service, us\n'

@@ -26,7 +26,7 @@ mod told;
 mod witness;
 
 use isocat_maindevice::motion::{Axis, Drive};
-use isocat_maindevice::statistics::Statistics;
+use isocat_maindevice::statistics::{Statistics, Summary};
 use isocat_maindevice::{Config, Event};
 use isocat_sim::{Finding, Judged, Place};
 use isocat_sync::phase;
@@ -111,7 +111,8 @@ pub struct Engine {
     limit: Nanos,
     /// Counts at the beginning of the time in operation.
     first: Statistics,
-    last: Statistics,
+    /// The phase errors and the number of cycles of the last call.
+    last: (Summary, u64),
     frames: Frames,
     clocks: Clocks,
     counters: Counted,
@@ -123,11 +124,11 @@ impl Engine {
     /// clock counts as synchronized; `optional` says by position whether a SubDevice may be absent,
     /// with `false` for missing entries.
     pub fn begin(main: &impl Witness, limit: Nanos, optional: Vec<bool>) -> Self {
-        let first = main.statistics();
+        let first = *main.statistics();
         Self {
             limit,
             first,
-            last: first,
+            last: (first.phase_error, first.cycles),
             frames: Frames::new(main),
             clocks: Clocks::new(main, limit),
             counters: Counted::new(main),
@@ -145,9 +146,9 @@ impl Engine {
     #[inline]
     pub fn cycle(&mut self, at: Nanos, main: &impl Witness) {
         let counts = main.statistics();
-        let before = std::mem::replace(&mut self.last, counts);
-        let (seen, known) = (counts.phase_error, before.phase_error);
-        if seen.count != known.count {
+        let seen = &counts.phase_error;
+        if seen.count != self.last.0.count {
+            let known = std::mem::replace(&mut self.last.0, *seen);
             self.frames.take(at, seen.last);
             // If there are several at once, the worst ones are known too, if they are worse than
             // all before.
@@ -158,7 +159,8 @@ impl Engine {
                 }
             }
         }
-        if counts.cycles != before.cycles {
+        if counts.cycles != self.last.1 {
+            self.last.1 = counts.cycles;
             // One clock and one SubDevice per cycle: all of them would take too long on a long
             // line.
             self.clocks.look(at, main, counts.cycles);
@@ -192,12 +194,13 @@ impl Engine {
     ) -> Verdict {
         self.cycle(at, main);
         let mut verdict = Verdict::default();
-        let cycles = self.last.cycles - self.first.cycles;
-        let times = self.last.phase_error.count - self.first.phase_error.count;
+        let last = main.statistics();
+        let cycles = last.cycles - self.first.cycles;
+        let times = last.phase_error.count - self.first.phase_error.count;
         self.frames.end(main, cycles.saturating_sub(times), &mut verdict);
         self.clocks.end(at, main, readings, &mut verdict);
         self.counters.end(main, readings, self.frames.rooms(), &mut verdict);
-        let errors = self.last.working_counter_errors - self.first.working_counter_errors;
+        let errors = last.working_counter_errors - self.first.working_counter_errors;
         self.told.end(main, readings, errors, &mut verdict);
         if main.segment().reference.is_some() && main.phase() != Some(phase::State::Locked) {
             let holdover = main.phase() == Some(phase::State::Holdover);

@@ -41,11 +41,11 @@ impl Stamps {
         Self { last: Time::ZERO }
     }
 
-    /// The instant of a stamp, but never before that of the frame before.
-    pub fn instant(&mut self, stamp: Option<Duration>) -> Time<Host> {
+    /// The instant of a stamp, but never before that of the frame before; and the present one.
+    pub fn instant(&mut self, stamp: Option<Duration>) -> (Time<Host>, Time<Host>) {
         let wall = read(ClockId::Realtime);
         let now = now();
-        self.at(stamp.map(|stamp| stamp.as_nanos() as u64), wall, now)
+        (self.at(stamp.map(|stamp| stamp.as_nanos() as u64), wall, now), now)
     }
 
     fn at(&mut self, stamp: Option<u64>, wall: u64, now: Time<Host>) -> Time<Host> {

@@ -3,17 +3,29 @@
 //! A cycle of one frame takes four system calls: sleep, send, poll, receive. Nothing is allocated
 //! once the segment is in operation. All frames of a cycle are sent back to back before any is
 //! received.
+//!
+//! The clock is read where an instant matters: before each frame that is sent, when a frame has
+//! come in, and after waiting. In between the last reading serves; anything that becomes due
+//! meanwhile is seen in the next step.
 
-use isocat_maindevice::{Application, Config, Event, FRAME_LEN, MainDevice, Port, Runner};
+use isocat_maindevice::{Application, Config, Event, FRAME_LEN, MainDevice};
 use isocat_wire::time::{Host, Nanos, Time};
 
 use crate::{Figures, Link, LinkError, RawSocket, Recorder, Waiting, clock};
 
 /// A MainDevice on an interface, and its application.
 pub struct Exchange<A> {
-    runner: Runner<A>,
+    work: Work,
+    application: A,
+}
+
+/// All but the application: code that is the same for every application.
+struct Work {
+    main: MainDevice,
     link: Link,
     outgoing: Box<[u8; FRAME_LEN]>,
+    /// The last reading of the clock.
+    now: Time<Host>,
     /// Number of cycles begun when the last frame was sent.
     begun: u64,
     /// The instant at which the last own frame came back, and the number of cycles begun by then.
@@ -33,138 +45,169 @@ impl<A: Application> Exchange<A> {
     ) -> Self {
         let (source, jitter) = (config.source, config.host_jitter);
         let now = clock::now();
-        Self {
-            runner: Runner::new(MainDevice::new(config, now), application),
+        let work = Work {
+            main: MainDevice::new(config, now),
             link: Link::new(socket, waiting, recorder, source, jitter),
             outgoing: Box::new([0; FRAME_LEN]),
+            now,
             begun: 0,
             heard: (now, 0),
             asked: true,
-        }
+        };
+        Self { work, application }
     }
 
     /// Waits for the next event: a frame arrives, frames leave, or `limit` is reached. Returns
     /// false if the MainDevice has nothing more to do. Take the events after each step.
     pub fn step(&mut self, limit: Time<Host>) -> Result<bool, LinkError> {
-        if std::mem::take(&mut self.asked) {
-            self.transmit()?;
-        }
-        let until = match self.runner.next_timeout() {
-            Some(wanted) => wanted.min(limit).min(clock::now() + LONGEST_WAIT),
-            None => return Ok(false),
-        };
-        if self.wait(until)? {
-            self.receive()?;
-            self.transmit()?;
-        }
-        let now = clock::now();
-        if self.runner.next_timeout().is_some_and(|wanted| wanted <= now) {
-            self.runner.handle_timeout(now);
-            self.transmit()?;
-        }
-        Ok(true)
+        self.work.step(limit, &mut self.application)
     }
 
     /// Takes the next event of the MainDevice.
+    #[inline]
     pub fn poll_event(&mut self) -> Option<Event> {
-        self.runner.poll_event()
+        let event = self.work.main.poll_event()?;
+        self.application.event(&event);
+        Some(event)
     }
 
     /// Starts or ends the measurement of punctuality.
     pub fn measure(&mut self, on: bool) {
-        self.link.measure(on);
+        self.work.link.measure(on);
     }
 
     /// The MainDevice, for requests to it.
     pub fn main_mut(&mut self) -> &mut MainDevice {
-        self.asked = true;
-        self.runner.main_mut()
+        self.work.asked = true;
+        &mut self.work.main
     }
 
     /// The MainDevice.
+    #[inline]
     pub fn main(&self) -> &MainDevice {
-        self.runner.main()
+        &self.work.main
+    }
+
+    /// The last reading of the clock: the end of the last step, or an instant in it.
+    #[inline]
+    pub fn now(&self) -> Time<Host> {
+        self.work.now
     }
 
     /// The interface.
     pub fn socket(&self) -> &RawSocket {
-        self.link.socket()
+        self.work.link.socket()
     }
 
     /// The application.
     pub fn application(&self) -> &A {
-        self.runner.application()
+        &self.application
     }
 
     /// Figures so far.
     pub fn figures(&self) -> &Figures {
-        self.link.figures()
+        self.work.link.figures()
     }
 
     /// Whether frames of several cycles have left since the last frame came back, and that was
     /// longer ago than `span`. A program that was itself stopped has not received anything either,
     /// but it has sent nothing.
+    #[inline]
     pub fn is_silent(&self, span: Nanos) -> bool {
-        let (at, cycle) = self.heard;
-        clock::now() - at > span && self.begun >= cycle + SILENT_CYCLES
+        let (at, cycle) = self.work.heard;
+        self.work.now - at > span && self.work.begun >= cycle + SILENT_CYCLES
     }
 
     /// Ends the loop and returns the application and the recorder.
     pub fn into_parts(self) -> (A, Option<Recorder>) {
-        (self.runner.into_parts().1, self.link.into_recorder())
+        (self.application, self.work.link.into_recorder())
     }
+}
 
-    /// Waits until an instant or a frame. Returns whether a frame may have arrived.
-    fn wait(&mut self, until: Time<Host>) -> Result<bool, LinkError> {
-        let expects = self.main().frames_in_flight() > 0;
-        let is_cycle = self.main().next_cycle() == Some(until);
-        self.link.wait(until, expects, is_cycle)
+impl Work {
+    /// See [`Exchange::step`].
+    fn step(
+        &mut self,
+        limit: Time<Host>,
+        application: &mut dyn Application,
+    ) -> Result<bool, LinkError> {
+        if std::mem::take(&mut self.asked) {
+            self.now = clock::now();
+            self.transmit()?;
+        }
+        let wanted = match self.main.next_timeout() {
+            Some(wanted) => wanted,
+            None => return Ok(false),
+        };
+        // The caller may have taken long, so `now` may be early, and the wait then too short.
+        let until = wanted.min(limit).min(self.now + LONGEST_WAIT);
+        let expects = self.main.frames_in_flight() > 0;
+        let is_cycle = self.main.next_cycle() == Some(until);
+        let (arrived, now) = self.link.wait_from(self.now, until, expects, is_cycle)?;
+        self.now = now;
+        if arrived {
+            self.receive(application)?;
+            self.transmit()?;
+        }
+        if self.main.next_timeout().is_some_and(|wanted| wanted <= self.now) {
+            self.main.handle_timeout(self.now);
+            self.main.poll_cycle(application);
+            self.transmit()?;
+        }
+        Ok(true)
     }
 
     /// Takes the frames that have arrived, until no more are expected.
-    fn receive(&mut self) -> Result<(), LinkError> {
+    fn receive(&mut self, application: &mut dyn Application) -> Result<(), LinkError> {
         for _ in 0..MOST_AT_ONCE {
             // Before the cycle starts, frames are sent as fast as they return.
-            let patient = self.main().next_cycle().is_none();
-            let Some(arrival) = self.link.receive(patient)? else { break };
+            let patient = self.main.next_cycle().is_none();
+            let Some(arrival) = self.link.receive(patient)? else {
+                self.now = clock::now();
+                break;
+            };
+            self.now = arrival.taken;
             if arrival.is_too_late {
                 continue;
             }
-            let before = self.main().statistics();
-            let now = clock::now();
-            self.runner.handle_frame(Port::Primary, now, self.link.frame(arrival));
-            let after = self.main().statistics();
-            if after.frames_received == before.frames_received {
+            let counts = self.main.counts();
+            let (received, echoed) = (counts.frames_received, counts.frames_echoed);
+            self.main.handle_frame(self.now, self.link.frame(arrival));
+            self.main.poll_cycle(application);
+            let counts = self.main.counts();
+            if counts.frames_received == received {
                 // The frame does not belong to the MainDevice, or came too late.
-                self.link.foreign(arrival, after.frames_echoed > before.frames_echoed);
+                let untouched = counts.frames_echoed > echoed;
+                self.link.foreign(arrival, untouched);
             } else {
-                self.heard = (now, self.begun);
+                self.heard = (self.now, self.begun);
                 self.link.answered(arrival);
             }
-            if self.main().frames_in_flight() == 0 {
+            if self.main.frames_in_flight() == 0 {
                 break;
             }
         }
         Ok(())
     }
 
-    /// Sends everything that is due now.
+    /// Sends everything that is due.
     fn transmit(&mut self) -> Result<(), LinkError> {
-        loop {
-            let due = self.main().next_cycle();
-            let now = clock::now();
-            let Some(len) = self.runner.poll_transmit(now, &mut self.outgoing[..]) else {
+        while self.main.has_frame(self.now) {
+            let due = self.main.next_cycle();
+            self.now = clock::now();
+            let Some(len) = self.main.poll_transmit(self.now, &mut self.outgoing[..]) else {
                 return Ok(());
             };
-            self.link.send(now, &self.outgoing[..len], due.is_none())?;
-            let begun = self.main().statistics().cycles;
+            self.link.send(self.now, &self.outgoing[..len], due.is_none())?;
+            let begun = self.main.counts().cycles;
             if begun != self.begun {
                 self.begun = begun;
                 if let Some(due) = due {
-                    self.link.begin_cycle(now, due);
+                    self.link.begin_cycle(self.now, due);
                 }
             }
         }
+        Ok(())
     }
 }
 

@@ -407,7 +407,7 @@ impl<A: Application> Work<A> {
     /// Runs the loop until it is stopped or fails. Returns the error.
     fn run(&mut self) -> Option<Error> {
         loop {
-            match self.exchange.step(clock::now() + STEP) {
+            match self.exchange.step(self.exchange.now() + STEP) {
                 Ok(true) => {}
                 Ok(false) => return Some(Error::Over),
                 Err(error) => return Some(Error::Link(error)),

@@ -5,7 +5,7 @@ use isocat_maindevice::FRAME_LEN;
 use isocat_wire::frame::{self, LOCALLY_ADMINISTERED};
 use isocat_wire::time::{Host, Nanos, Time};
 
-use crate::{Histogram, LinkError, RawSocket, Recorder, clock};
+use crate::{Histogram, LinkError, RawSocket, Received, Recorder, clock};
 
 /// How to wait for the beginning of a cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -76,6 +76,8 @@ pub struct Link {
 pub struct Arrival {
     /// The instant at which the kernel took it from the driver.
     pub at: Time<Host>,
+    /// The instant at which it was taken from the kernel.
+    pub taken: Time<Host>,
     /// It arrived before the frame with the same index was sent. It is an answer of an earlier
     /// cycle and must not be taken for the present one's.
     pub is_too_late: bool,
@@ -135,31 +137,41 @@ impl Link {
         expects: bool,
         is_cycle: bool,
     ) -> Result<bool, LinkError> {
+        self.wait_from(clock::now(), until, expects, is_cycle).map(|(arrived, _)| arrived)
+    }
+
+    /// The same for a caller that has read the clock at `now`, not long ago. Returns also the last
+    /// reading; it is not new if a frame may have arrived.
+    pub fn wait_from(
+        &mut self,
+        now: Time<Host>,
+        until: Time<Host>,
+        expects: bool,
+        is_cycle: bool,
+    ) -> Result<(bool, Time<Host>), LinkError> {
         let lead = match self.waiting {
             // With frames under way `receive` itself polls the socket.
-            Waiting::Busy if expects => return Ok(true),
-            Waiting::Busy => {
-                spin(until);
-                return Ok(false);
-            }
+            Waiting::Busy if expects => return Ok((true, now)),
+            Waiting::Busy => return Ok((false, spin(now, until))),
             Waiting::Sleep { lead } if is_cycle => lead,
             Waiting::Sleep { .. } => Nanos::ZERO,
         };
         let asleep = until + Nanos(-lead.0);
-        if clock::now() < asleep {
+        let mut now = now;
+        if now < asleep {
             if !expects {
                 clock::sleep_until(asleep);
             } else if self.socket.wait(Some(asleep))? {
-                return Ok(true);
+                return Ok((true, now));
             }
             // A signal may have ended the sleep early.
-            if clock::now() < asleep {
-                return Ok(false);
+            now = clock::now();
+            if now < asleep {
+                return Ok((false, now));
             }
         }
-        spin(until);
         // Frames that arrived meanwhile are taken after those that are due now are sent.
-        Ok(false)
+        Ok((false, spin(now, until)))
     }
 
     /// Sends a frame at `now`. `patient`: there is no cycle yet, so the recorder may block.
@@ -193,7 +205,8 @@ impl Link {
         let sent = index.and_then(|index| self.sent[usize::from(index)]);
         let is_too_late = sent.is_some_and(|sent| received.at < sent);
         self.figures.too_late += u64::from(is_too_late);
-        Ok(Some(Arrival { at: received.at, is_too_late, len, index }))
+        let Received { at, taken, .. } = received;
+        Ok(Some(Arrival { at, taken, is_too_late, len, index }))
     }
 
     /// The bytes of the last frame that came in.
@@ -241,12 +254,15 @@ pub fn unmarked(mut address: [u8; 6]) -> [u8; 6] {
     address
 }
 
-/// Spins until an instant. It is never inlined, so that a profile separates it from work.
+/// Spins from `now` until an instant; returns the last reading of the clock. It is never inlined,
+/// so that a profile separates it from work.
 #[inline(never)]
-fn spin(until: Time<Host>) {
-    while clock::now() < until {
+fn spin(mut now: Time<Host>, until: Time<Host>) -> Time<Host> {
+    while now < until {
         std::hint::spin_loop();
+        now = clock::now();
     }
+    now
 }
 
 /// The longest lead: a machine that needs a longer one is sometimes late.

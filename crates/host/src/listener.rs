@@ -98,7 +98,7 @@ impl Listener {
             };
             let heard = taken.len.min(buffer.len());
             if is_ethercat(&buffer[..heard]) {
-                let at = self.stamps.instant(taken.stamp);
+                let (at, _) = self.stamps.instant(taken.stamp);
                 return Ok(Some(Heard { len: taken.len, at, sent: taken.outgoing }));
             }
         }

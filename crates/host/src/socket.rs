@@ -29,6 +29,8 @@ pub struct Received {
     pub len: usize,
     /// The instant at which the kernel took it from the driver.
     pub at: Time<Host>,
+    /// The instant at which it was taken from the kernel.
+    pub taken: Time<Host>,
 }
 
 impl RawSocket {
@@ -90,8 +92,9 @@ impl RawSocket {
     /// Takes the next frame, if one has arrived. One system call.
     pub fn receive(&mut self, buffer: &mut [u8]) -> Result<Option<Received>, LinkError> {
         match sys::receive(self.socket.as_fd(), buffer) {
-            Ok(taken) => {
-                Ok(Some(Received { len: taken.len, at: self.stamps.instant(taken.stamp) }))
+            Ok(sys::Taken { len, stamp, .. }) => {
+                let (at, taken) = self.stamps.instant(stamp);
+                Ok(Some(Received { len, at, taken }))
             }
             Err(error) => match Errno::from_io_error(&error) {
                 Some(Errno::AGAIN | Errno::INTR) => Ok(None),

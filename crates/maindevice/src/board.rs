@@ -98,7 +98,10 @@ impl Board {
         }
     }
 
-    /// Queues an event.
+    /// Queues an event. Events are rare, and this is large: the code of the cycle is faster without
+    /// it.
+    #[cold]
+    #[inline(never)]
     pub fn report(&mut self, event: Event) {
         #[cfg(feature = "tracing")]
         crate::trace::event(&event);
@@ -110,7 +113,15 @@ impl Board {
     }
 
     /// Takes the next event.
+    #[inline]
     pub fn poll_event(&mut self) -> Option<Event> {
+        if self.events.is_empty() && self.dropped == 0 {
+            return None;
+        }
+        self.next_event()
+    }
+
+    fn next_event(&mut self) -> Option<Event> {
         if let Some(event) = self.events.pop_front() {
             return Some(event);
         }

@@ -20,10 +20,9 @@ use alloc::vec::Vec;
 
 use isocat_sync::phase::external::Stamps;
 use isocat_sync::phase::{Direction, Drive, Servo, Settings, State};
-use isocat_wire::frame::duration_ns;
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
-use crate::segment::{GAP, ProcessImage, Segment};
+use crate::segment::{ProcessImage, Segment};
 
 mod complete;
 mod frames;
@@ -36,13 +35,17 @@ pub(crate) use complete::Exchanged;
 use complete::{Closing, Taken};
 use frames::CyclicFrame;
 pub(crate) use layout::{MOST_CHUNK, chunk_times, frames};
-use presence::{Place, Reference};
+use presence::{Admitted, Place, Reference};
 pub(crate) use receive::extend;
 
 /// The cyclic exchange and its state.
 pub(crate) struct CyclicExchange {
     cycle: Nanos,
+    /// Half of the cycle.
+    half: Nanos,
     send_phase: Nanos,
+    /// From the moment at which a frame finds the reference clock back to the begin of its cycle.
+    to_phase: Nanos,
     servo: Servo,
     /// Number of cycles that the servo needs to lock.
     samples_to_lock: u32,
@@ -63,6 +66,8 @@ pub(crate) struct CyclicExchange {
     /// Bits for the number of a frame in the index. At least one bit remains for the cycle's
     /// number, since the mapping has at most 64 frames.
     frame_bits: u32,
+    /// Number of flights of all frames.
+    in_flight: usize,
     /// Whether some of the frames do not leave in every cycle.
     grouped: bool,
     /// The number of the present bus cycle by system time, if `grouped`.
@@ -73,8 +78,8 @@ pub(crate) struct CyclicExchange {
     wrong: Vec<[u64; 2]>,
     /// By position: the place of its process data, and whether it takes part.
     places: Vec<Place>,
-    /// By chunk: numbers of writers and readers that take part.
-    admitted: Vec<(u16, u16)>,
+    /// By chunk: what takes part of it.
+    admitted: Vec<Admitted>,
     /// Number of SubDevices that take part.
     present: u16,
     /// Whether the frames must be rebuilt with the next cycle.
@@ -88,7 +93,7 @@ pub(crate) struct CyclicExchange {
     put_off: bool,
     /// When the port will have sent the frames of this cycle so far, including the gap after them.
     through: Time<Host>,
-    /// Next frame of this cycle to send. If it is the number of frames, all are sent.
+    /// Next frame of this cycle to send; 0: all are sent.
     next_frame: usize,
     closing: Closing,
     taken: Taken,
@@ -129,9 +134,12 @@ impl CyclicExchange {
         // Within a group the image follows positions.
         let mut order: Vec<_> = (0..segment.devices.len()).collect();
         order.sort_by_cached_key(|position| u64::from(segment.devices[*position].every));
+        let send_phase = segment.timing.as_ref().map_or(Nanos::ZERO, |timing| timing.cycle.send);
         let mut cycle = Self {
             cycle: config.cycle,
-            send_phase: segment.timing.as_ref().map_or(Nanos::ZERO, |timing| timing.cycle.send),
+            half: Nanos(config.cycle.0 / 2),
+            send_phase,
+            to_phase: -send_phase,
             servo: Servo::new(settings),
             samples_to_lock: settings.samples_to_lock(),
             last_state: State::Free,
@@ -150,6 +158,7 @@ impl CyclicExchange {
             source,
             frames: Vec::new(),
             frame_bits: 0,
+            in_flight: 0,
             grouped: false,
             slot: 0,
             outputs: vec![0; bytes],
@@ -228,7 +237,7 @@ impl CyclicExchange {
 
     /// Whether all frames of the cycle are sent.
     pub fn is_sent(&self) -> bool {
-        self.next_frame >= self.frames.len() || self.next_frame == 0
+        self.next_frame == 0
     }
 
     /// When the port will have sent the frames of this cycle so far, including the gap after them.
@@ -238,14 +247,14 @@ impl CyclicExchange {
 
     /// The wire time that the frames of the emptiest cycle leave free, less the gaps.
     pub fn spare(&self) -> Nanos {
-        let wire = |frame: &CyclicFrame| duration_ns(frame.bytes.len()) as i64 + GAP.0;
+        let wire = |frame: &CyclicFrame| frame.wire.0;
         let always = self.frames.iter().filter(|frame| frame.every == 1);
         self.cycle - Nanos(always.map(wire).sum())
     }
 
     /// Number of frames in flight.
     pub fn in_flight(&self) -> usize {
-        self.frames.iter().flat_map(|frame| frame.flights).flatten().count()
+        self.in_flight
     }
 
     /// The outputs of the process image.

@@ -341,6 +341,7 @@ impl Shared {
     }
 
     /// Sets the time to `now`: see [`Port::handle_timeout`].
+    #[inline]
     pub fn handle_timeout(&mut self, now: Time<Host>) {
         self.port.now = now;
         self.port.handle_timeout(&mut self.board.statistics);

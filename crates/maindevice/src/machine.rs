@@ -47,14 +47,16 @@ use way::{Activity, Piece};
 ///   [`next_timeout`] is reached.
 /// - Output, to be drained after each input: [`poll_cycle`], which calls the application if a cycle
 ///   is complete; [`poll_event`] until it returns `None`; [`poll_transmit`] until it returns
-///   `None`; then [`next_timeout`] again. A [`Runner`](crate::Runner) keeps this order.
+///   `None`, which [`has_frame`] foresees; then [`next_timeout`] again. A
+///   [`Runner`](crate::Runner) keeps this order.
 /// - A ring ([`Config::ring`]): [`poll_secondary`] returns the frames of its second port, to be
 ///   drained after each frame of [`poll_transmit`], and [`handle_frame_at`] takes frames received
 ///   at either port.
 /// - Process data: [`outputs_mut`] and [`inputs`], as the [`Application`](crate::Application) has
 ///   them in each cycle.
 /// - Requests while it runs: [`upload`], [`download`], [`read_memory`], [`stop`].
-/// - State: [`segment`], [`statistics`], [`stage`], [`next_cycle`], [`frames_in_flight`].
+/// - State: [`segment`], [`statistics`] or [`counts`], [`stage`], [`next_cycle`],
+///   [`frames_in_flight`].
 ///
 /// Time is the caller's monotonic clock, read as late as possible: the `now` of [`poll_transmit`]
 /// is the time stamp of the frame that it returns, and the clock servo follows these stamps. Time
@@ -83,6 +85,8 @@ use way::{Activity, Piece};
 /// [`stop`]: Self::stop
 /// [`segment`]: Self::segment
 /// [`statistics`]: Self::statistics
+/// [`counts`]: Self::counts
+/// [`has_frame`]: Self::has_frame
 /// [`stage`]: Self::stage
 pub struct MainDevice {
     config: Arc<Config>,
@@ -169,7 +173,8 @@ impl MainDevice {
         if self.ring.is_some() {
             return self.handle_frame_at(Port::Primary, now, frame);
         }
-        let taken = take(in_hand(&mut self.shared), &mut self.cycle, &self.config, now, frame);
+        let (shared, source) = (in_hand(&mut self.shared), self.config.source);
+        let taken = take_inline(shared, &mut self.cycle, source, now, frame);
         self.close_cycle(now);
         if taken {
             self.work();
@@ -198,13 +203,14 @@ impl MainDevice {
 
     /// Whether this bring-up only serves to let devices measure their times. The application is not
     /// called in it.
+    #[inline]
     fn rehearses(&self) -> bool {
-        self.config.measure_times.is_some()
-            && match self.activity {
-                Activity::Operating => false,
-                Activity::Task(Piece::MeasureTimes | Piece::PlanAnew, _) => true,
-                _ => times::is_wanted(&self.segment, &self.config),
-            }
+        match self.activity {
+            Activity::Operating => false,
+            _ if self.config.measure_times.is_none() => false,
+            Activity::Task(Piece::MeasureTimes | Piece::PlanAnew, _) => true,
+            _ => times::is_wanted(&self.segment, &self.config),
+        }
     }
 
     /// Writes the next frame to send at once into `buffer` and returns its length; `None` if there
@@ -215,23 +221,46 @@ impl MainDevice {
         if matches!(self.activity, Activity::Over) || buffer.len() < frame::MIN_LEN {
             return None;
         }
-        let len = self.next_frame(now, buffer)?;
+        let shared = in_hand(&mut self.shared);
+        shared.port.now = now;
+        let is_cyclic = self.cycle.as_ref().is_some_and(|cycle| cycle.has_frame(now));
+        // Each cycle asks once more than it has frames.
+        if !is_cyclic && shared.port.first_len().is_none() {
+            return None;
+        }
+        self.next_frame(is_cyclic, now, buffer)
+    }
+
+    /// Whether [`Self::poll_transmit`] may have a frame at `now`. If not, a loop need not read its
+    /// clock for the frame's time stamp.
+    #[inline]
+    pub fn has_frame(&self, now: Time<Host>) -> bool {
+        let is_cyclic = || self.cycle.as_ref().is_some_and(|cycle| cycle.has_frame(now));
+        !matches!(self.activity, Activity::Over)
+            && (is_cyclic() || self.shared().port.first_len().is_some())
+    }
+
+    fn next_frame(&mut self, is_cyclic: bool, now: Time<Host>, buffer: &mut [u8]) -> Option<usize> {
+        let Self { shared, cycle, .. } = self;
+        let shared = in_hand(shared);
+        let len = match cycle {
+            None => shared.transmit(now, buffer, frame::MAX_LEN)?,
+            Some(cycle) if is_cyclic => match cycle.transmit_due(now, buffer, &mut shared.board) {
+                Some(len) => len,
+                None => self.next_acyclic_frame(now, buffer)?,
+            },
+            Some(_) => self.next_acyclic_frame(now, buffer)?,
+        };
         if self.ring.is_some() {
             self.copy(now, &buffer[..len]);
         }
         Some(len)
     }
 
-    fn next_frame(&mut self, now: Time<Host>, buffer: &mut [u8]) -> Option<usize> {
-        let Self { shared, cycle, share, config, .. } = self;
+    /// A frame of procedures, in the time that the frames of the cycle leave.
+    fn next_acyclic_frame(&mut self, now: Time<Host>, buffer: &mut [u8]) -> Option<usize> {
+        let Self { shared, cycle: Some(cycle), share, config, .. } = self else { return None };
         let shared = in_hand(shared);
-        shared.port.now = now;
-        let Some(cycle) = cycle else {
-            return shared.transmit(now, buffer, frame::MAX_LEN);
-        };
-        if let Some(len) = cycle.transmit(now, buffer, &mut shared.board) {
-            return Some(len);
-        }
         if shared.port.waits_for_quiet(now, cycle.in_flight()) {
             return None;
         }
@@ -264,6 +293,7 @@ impl MainDevice {
     }
 
     /// When the next frames of process data are due; `None` outside the cyclic exchange.
+    #[inline]
     pub fn next_cycle(&self) -> Option<Time<Host>> {
         self.cycle.as_ref().map(CyclicExchange::due)
     }
@@ -276,12 +306,14 @@ impl MainDevice {
     }
 
     /// Number of frames that were sent and are neither back nor given up.
+    #[inline]
     pub fn frames_in_flight(&self) -> usize {
         let cyclic = self.cycle.as_ref().map_or(0, CyclicExchange::in_flight);
         cyclic + self.shared().port.in_flight()
     }
 
     /// Takes the next event.
+    #[inline]
     pub fn poll_event(&mut self) -> Option<Event> {
         in_hand(&mut self.shared).board.poll_event()
     }
@@ -321,7 +353,13 @@ impl MainDevice {
 
     /// Counts so far.
     pub fn statistics(&self) -> Statistics {
-        self.shared().board.statistics
+        *self.counts()
+    }
+
+    /// The same in place: they are many, and a loop looks at one or two in each cycle.
+    #[inline]
+    pub fn counts(&self) -> &Statistics {
+        &self.shared().board.statistics
     }
 
     /// The last stage of bring-up or shutdown that was begun.
@@ -382,6 +420,7 @@ impl MainDevice {
     }
 
     /// The data that procedures share with the machine; no procedure may run.
+    #[inline]
     fn shared(&self) -> &Shared {
         self.shared.as_deref().expect(IN_HAND)
     }
@@ -410,8 +449,20 @@ fn take(
     now: Time<Host>,
     frame: &[u8],
 ) -> bool {
+    take_inline(shared, cycle, config.source, now, frame)
+}
+
+/// The same where it is to cost no call.
+#[inline(always)]
+fn take_inline(
+    shared: &mut Shared,
+    cycle: &mut Option<CyclicExchange>,
+    source: [u8; 6],
+    now: Time<Host>,
+    frame: &[u8],
+) -> bool {
     shared.port.now = now;
-    let payload = match Origin::of(frame, config.source) {
+    let payload = match Origin::of(frame, source) {
         Origin::Ours { payload } => payload,
         Origin::Unmarked { payload }
             if shared.port.is_answer(&frame[payload..], &shared.board.statistics) =>
@@ -450,6 +501,7 @@ fn count_unexpected(shared: &mut Shared, cycle: &mut Option<CyclicExchange>, ind
 }
 
 /// The data that procedures share with the machine; no procedure may run.
+#[inline]
 fn in_hand(shared: &mut Option<Box<Shared>>) -> &mut Shared {
     shared.as_deref_mut().expect(IN_HAND)
 }

@@ -102,14 +102,13 @@ impl Application for Motion {
         self.written.begin(cycle);
         let grid = cycle.next_grid().filter(|_| !self.written.is_empty());
         let number = cycle.number();
+        let ramp = core::array::from_fn(|at| (number as u8).wrapping_add(at as u8));
         for mut device in cycle.devices() {
             let Some(axis) = self.axes.get_mut(device.position()) else { continue };
             match axis {
                 Axis::Drive(drive) => drive.cycle(&mut device, number),
                 Axis::Outputs => {
-                    for (i, byte) in device.outputs_mut().iter_mut().enumerate() {
-                        *byte = (number as usize + i) as u8;
-                    }
+                    count(device.outputs_mut(), &ramp);
                 }
                 Axis::Nothing => {}
             }
@@ -124,6 +123,18 @@ impl Application for Motion {
 
     fn event(&mut self, event: &Event) {
         self.written.event(event);
+    }
+}
+
+/// Writes a count, each byte one more than the one before. `ramp` is its beginning: so many bytes
+/// at a time are one vector.
+fn count(outputs: &mut [u8], ramp: &[u8; 16]) {
+    for (at, bytes) in outputs.chunks_mut(ramp.len()).enumerate() {
+        let value = ramp.map(|value| value.wrapping_add((ramp.len() * at) as u8));
+        match bytes.first_chunk_mut() {
+            Some(bytes) => *bytes = value,
+            None => bytes.copy_from_slice(&value[..bytes.len()]),
+        }
     }
 }
 
@@ -225,6 +236,17 @@ fn put(bytes: &mut [u8], at: usize, value: &[u8]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_count_of_any_length() {
+        let ramp = core::array::from_fn(|at| 250_u8.wrapping_add(at as u8));
+        for len in [0, 1, 15, 16, 17, 40, 300] {
+            let mut outputs = alloc::vec![0; len];
+            count(&mut outputs, &ramp);
+            let expected = (0..len).map(|at| (250 + at) as u8);
+            assert!(outputs.into_iter().eq(expected), "{len}");
+        }
+    }
 
     #[test]
     fn the_way_to_operation_enabled() {

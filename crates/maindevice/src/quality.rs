@@ -146,6 +146,11 @@ impl Monitor {
         self.background.clocks()
     }
 
+    /// The readings of objects, by position.
+    pub fn objects(&self) -> &[ObjectQuality] {
+        self.background.objects()
+    }
+
     /// All present readings.
     pub fn snapshot<'a>(&'a self, now: Time<Host>, cycle: &'a CyclicExchange) -> Snapshot<'a> {
         Snapshot {

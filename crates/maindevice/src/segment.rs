@@ -453,6 +453,13 @@ pub struct ProcessImage {
     pub read_write: bool,
 }
 
+impl ProcessImage {
+    /// The working counters of a chunk with so many SubDevices: of LRW or LRD, and of LWR.
+    pub(crate) fn counters(&self, writers: u16, readers: u16) -> [u16; 2] {
+        [if self.read_write { 2 * writers + readers } else { readers }, writers]
+    }
+}
+
 /// One logical range and the working counter of its datagrams.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Chunk {

@@ -87,6 +87,7 @@ pub struct Summary {
 
 impl Summary {
     /// Takes one sample.
+    #[inline(always)]
     pub fn add(&mut self, sample: Nanos) {
         if self.count == 0 {
             (self.min, self.max) = (sample, sample);

@@ -86,10 +86,11 @@ impl Convergence {
             return Verdict::TooEarly;
         }
         let worst = self.readings.iter().map(|(_, d)| d.abs()).max().unwrap_or_default();
-        let slope_ppb = self.slope_ppb();
+        let line = self.line();
+        let slope_ppb = slope_ppb(line);
         let Limits { difference, mean, slope_ppb: slope, noise } = self.limits;
         let difference = difference + self.limits.noise_allowed();
-        let slope = slope + self.slope_noise_ppb();
+        let slope = slope + self.noise_of(line.0);
         // Four times the error of a mean of sixteen readings.
         let off = self.mean().abs() <= mean + noise;
         if worst <= difference && off && slope_ppb.abs() <= slope {
@@ -109,23 +110,21 @@ impl Convergence {
     /// The slope that noise of the readings may cause, ns per second; 0 while there are too few
     /// readings.
     pub fn slope_noise_ppb(&self) -> i64 {
+        if self.count < WINDOW || self.limits.noise_allowed() == Nanos::ZERO {
+            return 0;
+        }
+        self.noise_of(self.line().0)
+    }
+
+    /// The same with the denominator of the line.
+    fn noise_of(&self, denominator: i128) -> i64 {
         let noise = i128::from(self.limits.noise_allowed().0);
-        let (denominator, _) = self.line();
-        if self.count < WINDOW || denominator == 0 || noise == 0 {
+        if denominator == 0 || noise == 0 {
             return 0;
         }
         // The error of a slope is sigma x sqrt(n / denominator), here in units of 10^-12 per ns.
         let scaled = WINDOW as i128 * 1_000_000_000_000_000_000_000_000 / denominator;
         (noise * scaled.unsigned_abs().isqrt() as i128 / 1_000) as i64
-    }
-
-    /// Slope of the least-squares line through the window.
-    fn slope_ppb(&self) -> i64 {
-        let (denominator, numerator) = self.line();
-        if denominator == 0 {
-            return 0;
-        }
-        (numerator * 1_000_000_000 / denominator) as i64
     }
 
     /// Denominator and numerator of the slope of the least-squares line through the window.
@@ -143,6 +142,14 @@ impl Convergence {
         }
         (n * sxx - sx * sx, n * sxy - sx * sy)
     }
+}
+
+/// Slope of the least-squares line with this denominator and numerator.
+fn slope_ppb((denominator, numerator): (i128, i128)) -> i64 {
+    if denominator == 0 {
+        return 0;
+    }
+    (numerator * 1_000_000_000 / denominator) as i64
 }
 
 impl Limits {

@@ -17,6 +17,8 @@ pub const ETHERTYPE_VLAN: u16 = 0x8100;
 pub const ETHERNET_HEADER_LEN: usize = 14;
 /// Bytes of the EtherCAT header.
 pub const ETHERCAT_HEADER_LEN: usize = 2;
+/// Bytes before the datagrams of a frame without VLAN tag and UDP.
+const HEADERS_LEN: usize = ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN;
 /// Shortest Ethernet frame without FCS; shorter ones are padded.
 pub const MIN_LEN: usize = 60;
 /// Longest Ethernet frame without FCS and VLAN tag.
@@ -117,7 +119,15 @@ pub struct Envelope {
 
 /// Offset of the first datagram: behind the Ethernet header, the VLAN tag if there is one, the IPv4
 /// and UDP headers of the UDP variant, and the EtherCAT header.
+#[inline]
 pub fn payload_offset(frame: &[u8]) -> Result<usize, FrameError> {
+    // Nearly every frame is plain.
+    if let Some([.., high, low, _, kind]) = frame.first_chunk::<HEADERS_LEN>()
+        && [*high, *low] == ETHERTYPE.to_be_bytes()
+        && kind >> 4 == EthercatHeader::DATAGRAMS
+    {
+        return Ok(HEADERS_LEN);
+    }
     envelope(frame).map(|envelope| envelope.datagrams)
 }
 

@@ -346,7 +346,9 @@ impl Running<'_> {
         }
     }
 
-    /// Runs the segment.
+    /// Runs the segment. It is never inlined, so that a profile separates operation from the ways
+    /// up and down.
+    #[inline(never)]
     fn operate(&mut self, duration: Nanos) -> End {
         let began = clock::now();
         let until = began + duration;
@@ -356,7 +358,7 @@ impl Running<'_> {
             if let Err(error) = self.exchange.step(until) {
                 break End::Link(error);
             }
-            let now = clock::now();
+            let now = self.exchange.now();
             self.take_events(now);
             self.publish();
             if now >= until {

@@ -10,7 +10,7 @@ use isocat_sync::phase;
 /// stay the same if no frame came in.
 pub trait Witness {
     /// Counts so far.
-    fn statistics(&self) -> Statistics;
+    fn statistics(&self) -> &Statistics;
     /// The SubDevices by position, the reference clock, and the plan of the cycle if there is one.
     fn segment(&self) -> &Segment;
     /// The state of the servo; `None` without a reference clock.
@@ -25,8 +25,8 @@ pub trait Witness {
 }
 
 impl Witness for MainDevice {
-    fn statistics(&self) -> Statistics {
-        self.statistics()
+    fn statistics(&self) -> &Statistics {
+        self.counts()
     }
 
     fn segment(&self) -> &Segment {
@@ -42,7 +42,7 @@ impl Witness for MainDevice {
     }
 
     fn objects(&self) -> Option<&[ObjectQuality]> {
-        self.snapshot().map(|snapshot| snapshot.objects)
+        self.object_quality()
     }
 
     fn watches_delays(&self) -> bool {

@@ -4,25 +4,61 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use isocat_wire::command::Command;
-use isocat_wire::datagram::{Address, HEADER_LEN, Layout};
-use isocat_wire::frame::{FrameWriter, MAX_LEN};
+use isocat_wire::datagram::{Address, HEADER_LEN, Header, WKC_LEN};
+use isocat_wire::frame::{FrameWriter, MAX_LEN, duration_ns};
 use isocat_wire::register;
-use isocat_wire::time::{Host, Time};
+use isocat_wire::time::{Host, Nanos, Time};
 
 use super::CyclicExchange;
-use super::layout::{Parts, TIME_LEN, ZEROS, plan_frames};
+use super::layout::{HEADERS, Parts, TIME_LEN, ZEROS, plan_frames};
+use crate::segment::GAP;
 
-/// One frame of the cycle and the places of its datagrams.
+/// One frame of the cycle. All but its data is known before it is sent.
 pub(super) struct CyclicFrame {
     /// The frame leaves in the bus cycles whose number by system time is a multiple of this.
     pub(super) every: u32,
-    pub(super) bytes: Vec<u8>,
-    /// Offsets are from the start of the frame.
-    pub(super) datagrams: Vec<(Part, Layout)>,
-    pub(super) marks: Vec<Mark>,
+    /// Ethernet and EtherCAT headers.
+    pub(super) head: [u8; HEADERS],
+    /// Its datagrams, one behind the other.
+    pub(super) datagrams: Vec<CyclicDatagram>,
+    /// Bytes up to the end of the last datagram.
+    pub(super) used: usize,
+    /// Bytes of the frame; above `used` if it is padded.
+    pub(super) len: usize,
+    /// Its time on the wire, with the gap after it.
+    pub(super) wire: Nanos,
     /// When the frame was sent, for its two flights by parity of the cycle.
     pub(super) flights: [Option<Time<Host>>; 2],
     pub(super) cycles: [u64; 2],
+}
+
+/// One datagram of a frame.
+pub(super) struct CyclicDatagram {
+    pub(super) part: Part,
+    /// Its header, without the index.
+    pub(super) header: [u8; HEADER_LEN],
+    /// Offset of the header in the frame.
+    pub(super) start: usize,
+    /// Bytes of data.
+    pub(super) len: usize,
+    /// Offset of its process data in the image.
+    pub(super) image: usize,
+    pub(super) mark: Mark,
+}
+
+impl CyclicDatagram {
+    /// Its data and its working counter in a returned frame; `None` if the frame is too short.
+    #[inline]
+    pub(super) fn found_in<'a>(&self, bytes: &'a [u8]) -> Option<(&'a [u8], u16)> {
+        let (data, rest) = bytes.get(self.start + HEADER_LEN..)?.split_at_checked(self.len)?;
+        Some((data, u16::from_le_bytes(*rest.first_chunk()?)))
+    }
+
+    /// Takes another command from now on.
+    pub(super) fn set_command(&mut self, command: Command) {
+        self.header[0] = command as u8;
+        self.mark = Mark::of(&self.header);
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -41,6 +77,7 @@ impl CyclicExchange {
     /// Builds the frames of a cycle.
     pub(super) fn build(&mut self) {
         self.frames.clear();
+        self.in_flight = 0;
         // If the number of frames changes, an index may mean another frame.
         self.given_up = 0;
         let reference = self.reference.as_ref();
@@ -48,7 +85,7 @@ impl CyclicExchange {
         for Parts { every, parts } in plan_frames(&self.image, clock, self.exchanging) {
             let mut bytes = vec![0; MAX_LEN];
             let mut writer = FrameWriter::new(&mut bytes, self.source);
-            let mut datagrams = Vec::new();
+            let mut datagrams: Vec<CyclicDatagram> = Vec::new();
             for part in parts {
                 let (command, address, len) = match part {
                     Part::Drift => {
@@ -72,24 +109,32 @@ impl CyclicExchange {
                 };
                 let pushed = writer.push(command, 0, address, &ZEROS[..len]);
                 let data = pushed.expect("the plan of the frames keeps their length");
-                datagrams.push((part, data - HEADER_LEN));
+                let image = match part {
+                    Part::ReadWrite(chunk) | Part::Write(chunk) | Part::Read(chunk) => {
+                        self.image.chunks[chunk].logical as usize
+                    }
+                    Part::Drift | Part::Lead | Part::AlStatus => 0,
+                };
+                let (header, mark) = ([0; HEADER_LEN], Mark { mask: 0, value: 0 });
+                let start = data - HEADER_LEN;
+                datagrams.push(CyclicDatagram { part, header, start, len, image, mark });
             }
             let len = writer.finish();
-            bytes.truncate(len);
-            let datagrams: Vec<_> = datagrams
-                .into_iter()
-                .map(|(part, start)| {
-                    let layout = Layout::at(&bytes, start);
-                    (part, layout.expect("the datagram was just written"))
-                })
-                .collect();
-            let mark = |(part, layout): &(Part, Layout)| {
-                let mark = Mark::of(layout);
-                if *part == Part::Lead { mark.of_any_command() } else { mark }
-            };
-            let marks = datagrams.iter().map(mark).collect();
+            // Only now does each header tell whether another datagram follows.
+            for datagram in &mut datagrams {
+                datagram.header.copy_from_slice(&bytes[datagram.start..][..HEADER_LEN]);
+                let mark = Mark::of(&datagram.header);
+                datagram.mark =
+                    if datagram.part == Part::Lead { mark.of_any_command() } else { mark };
+            }
+            let mut head = [0; HEADERS];
+            head.copy_from_slice(&bytes[..HEADERS]);
+            let last = datagrams.last();
+            let used = last.map_or(HEADERS, |last| last.start + HEADER_LEN + last.len + WKC_LEN);
             let (flights, cycles) = ([None; 2], [0; 2]);
-            self.frames.push(CyclicFrame { every, bytes, datagrams, marks, flights, cycles });
+            let wire = Nanos(duration_ns(len) as i64) + GAP;
+            let frame = CyclicFrame { every, head, datagrams, used, len, wire, flights, cycles };
+            self.frames.push(frame);
         }
         self.frame_bits =
             self.frames.len().saturating_sub(1).checked_ilog2().map_or(0, |log| log + 1);
@@ -111,15 +156,15 @@ pub(super) struct Mark {
 }
 
 impl Mark {
-    pub(super) fn of(layout: &Layout) -> Self {
+    pub(super) fn of(header: &[u8; HEADER_LEN]) -> Self {
         // Command, address and length count. The index, which tells the cycle, and the flags do
         // not.
         let mut mask = 0x07FF_FFFF_FFFF_00FF;
-        if layout.header.command().is_ok_and(|command| command.increments_position()) {
+        if Header::parse(header).command().is_ok_and(|command| command.increments_position()) {
             mask &= !0xFFFF_0000;
         }
-        let [bytes @ .., _, _] = layout.header.emit();
-        Self { mask, value: u64::from_le_bytes(bytes) & mask }
+        let [bytes @ .., _, _] = header;
+        Self { mask, value: u64::from_le_bytes(*bytes) & mask }
     }
 
     /// The mark without the command.
@@ -129,6 +174,7 @@ impl Mark {
     }
 
     /// Whether the datagram is at byte `start` of a frame.
+    #[inline]
     pub(super) fn is_at(self, bytes: &[u8], start: usize) -> bool {
         let found = bytes.get(start..).and_then(|rest| rest.first_chunk());
         found.is_some_and(|found| u64::from_le_bytes(*found) & self.mask == self.value)

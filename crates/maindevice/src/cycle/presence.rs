@@ -7,7 +7,7 @@ use isocat_wire::command::Command;
 use isocat_wire::time::{Dc, Nanos, Time};
 
 use super::CyclicExchange;
-use super::frames::{Mark, Part};
+use super::frames::Part;
 use crate::segment::{DcCapability, ProcessImage, SubDevice};
 
 /// One SubDevice in the exchange.
@@ -49,6 +49,19 @@ pub(super) struct Reference {
     pub(super) reading: bool,
     /// Whether a time was taken.
     pub(super) seen: bool,
+}
+
+/// The SubDevices with process data in one chunk that take part.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Admitted {
+    /// Number of them with outputs.
+    pub(super) writers: u16,
+    /// Number of them with inputs.
+    pub(super) readers: u16,
+    /// Whether these are all that are planned.
+    pub(super) is_whole: bool,
+    /// The working counters that they make: of LRW or LRD, and of LWR.
+    pub(super) counters: [u16; 2],
 }
 
 impl CyclicExchange {
@@ -112,16 +125,21 @@ impl CyclicExchange {
     /// Computes the expected working counters for all SubDevices that take part.
     pub(super) fn take_stock(&mut self) {
         self.admitted.clear();
-        self.admitted.resize(self.image.chunks.len(), (0, 0));
+        self.admitted.resize(self.image.chunks.len(), Admitted::default());
         self.present = 0;
         let mut clocks = 0;
         for place in self.places.iter().filter(|place| place.present) {
             self.present += 1;
             clocks += u16::from(place.clock);
-            if let Some((writers, readers)) = place.chunk.and_then(|at| self.admitted.get_mut(at)) {
-                *writers += u16::from(place.writes);
-                *readers += u16::from(place.reads);
+            if let Some(admitted) = place.chunk.and_then(|at| self.admitted.get_mut(at)) {
+                admitted.writers += u16::from(place.writes);
+                admitted.readers += u16::from(place.reads);
             }
+        }
+        for (admitted, chunk) in self.admitted.iter_mut().zip(&self.image.chunks) {
+            let Admitted { writers, readers, .. } = *admitted;
+            admitted.is_whole = (writers, readers) == (chunk.writers, chunk.readers);
+            admitted.counters = self.image.counters(writers, readers);
         }
         if let Some(reference) = &mut self.reference {
             reference.clocks = if reference.compensate { clocks } else { 1 };
@@ -146,6 +164,7 @@ impl CyclicExchange {
     }
 
     /// Chooses whether the drift datagram controls the clocks or only reads.
+    #[inline]
     pub(super) fn choose_drift(&mut self) {
         let Some(reference) = &mut self.reference else { return };
         let reading = !reference.compensate || reference.doubted.is_some() || reference.held;
@@ -155,14 +174,9 @@ impl CyclicExchange {
         reference.reading = reading;
         let command = if reading { Command::Fprd } else { Command::Frmw };
         let Some(frame) = self.frames.first_mut() else { return };
-        let (Some((Part::Drift, layout)), Some(mark)) =
-            (frame.datagrams.first_mut(), frame.marks.first_mut())
-        else {
-            return;
-        };
-        frame.bytes[layout.start] = command as u8;
-        layout.header.command = command as u8;
-        *mark = Mark::of(layout);
+        if let Some(datagram) = frame.datagrams.first_mut().filter(|d| d.part == Part::Drift) {
+            datagram.set_command(command);
+        }
     }
 }
 

@@ -25,30 +25,28 @@ impl CyclicExchange {
         }
         let (sequence, at) = self.sequence(index);
         let parity = usize::from(sequence & 1);
-        let Some(frame) = self.frames.get(at) else { return false };
-        let known = frame.datagrams.last().map_or(0, |(_, layout)| layout.end());
+        let bits = self.frame_bits;
+        let Some(frame) = self.frames.get_mut(at) else { return false };
         let Some(sent) = frame.flights[parity] else { return false };
+        let cycle = frame.cycles[parity];
         // An answer that is some cycles late must not count for a later cycle.
-        if self.index(frame.cycles[parity], at) != index {
+        if super::send::index(cycle, at, bits) != index || bytes.len() < frame.used {
             return false;
         }
-        let frame = &mut self.frames[at];
-        let mut marks = frame.marks.iter().zip(&frame.datagrams);
-        if bytes.len() < known || !marks.all(|(mark, (_, d))| mark.is_at(bytes, d.start)) {
+        if !frame.datagrams.iter().all(|datagram| datagram.mark.is_at(bytes, datagram.start)) {
             return false;
         }
         frame.flights[parity] = None;
-        let cycle = frame.cycles[parity];
+        // The list is moved out because `self` is needed while its datagrams are evaluated.
+        let datagrams = core::mem::take(&mut frame.datagrams);
+        self.in_flight -= 1;
         self.closing.out -= usize::from(cycle == self.number);
         board.statistics.frames_received += 1;
         let mut complete = true;
         let mut reference_time = None;
-        // The list is moved out because `self` is needed while its datagrams are evaluated.
-        let datagrams = core::mem::take(&mut self.frames[at].datagrams);
-        for &(part, ref layout) in &datagrams {
-            let data = &bytes[layout.data()..layout.wkc()];
-            let wkc = u16::from_le_bytes([bytes[layout.wkc()], bytes[layout.wkc() + 1]]);
-            match part {
+        for datagram in &datagrams {
+            let Some((data, wkc)) = datagram.found_in(bytes) else { continue };
+            match datagram.part {
                 Part::Drift => {
                     reference_time = self.take_time(sent, data, wkc, cycle, board);
                     if reference_time.is_none() && self.in_ring {
@@ -57,7 +55,7 @@ impl CyclicExchange {
                     // The next cycle was planned when the frame left; the time that it brought back
                     // improves the plan.
                     if cycle == self.number && self.is_sent() {
-                        self.plan_next(sent + Nanos(self.cycle.0 / 2), self.grid);
+                        self.plan_next(sent + self.half, self.grid);
                     }
                 }
                 Part::Lead => {
@@ -70,19 +68,24 @@ impl CyclicExchange {
                     }
                 }
                 Part::AlStatus => {
-                    self.al_status = u16::from_le_bytes([data[0], data[1]]);
+                    self.al_status = data.first_chunk().map_or(0, |data| u16::from_le_bytes(*data));
                     if wkc != self.answering {
-                        self.answering = wkc;
-                        let expected = self.count;
-                        board.report(Event::CountChanged { cycle, expected, found: wkc });
+                        self.take_count(wkc, cycle, board);
                     }
                 }
-                Part::ReadWrite(chunk) | Part::Read(chunk) | Part::Write(chunk) => {
-                    complete &= self.take_chunk(part, chunk, data, wkc, cycle, board);
+                Part::ReadWrite(chunk) | Part::Read(chunk) => {
+                    let chunk = (chunk, false);
+                    complete &= self.take_chunk(chunk, datagram.image, data, wkc, cycle, board);
+                }
+                Part::Write(chunk) => {
+                    let chunk = (chunk, true);
+                    complete &= self.take_chunk(chunk, datagram.image, data, wkc, cycle, board);
                 }
             }
         }
-        self.frames[at].datagrams = datagrams;
+        if let Some(frame) = self.frames.get_mut(at) {
+            frame.datagrams = datagrams;
+        }
         // A chunk whose frame did not come back is incomplete too, see `begin`.
         if !complete {
             board.complete_cycles = 0;
@@ -92,6 +95,7 @@ impl CyclicExchange {
     }
 
     /// Feeds the servo with the reference time that came back, and returns it.
+    #[inline(always)]
     pub(super) fn take_time(
         &mut self,
         sent: Time<Host>,
@@ -101,6 +105,46 @@ impl CyclicExchange {
         board: &mut Board,
     ) -> Option<Time<Dc>> {
         let reference = self.reference.as_mut()?;
+        let as_ever = (wkc, wkc, wkc) == (reference.clocks, reference.counted, reference.trusted);
+        if (reference.reading || !as_ever) && !self.take_drift_counter(wkc, cycle, board) {
+            return None;
+        }
+        // Borrowed again, since the working counter may have needed all of `self`.
+        let reference = self.reference.as_mut()?;
+        let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw))?;
+        if raw == 0 {
+            // The data is unchanged: other clocks answered, but not the reference.
+            return None;
+        }
+        let dc = reference.extend(raw);
+        board.reference_time = (sent, dc);
+        self.taken.time = (cycle, dc);
+        if !reference.reading {
+            reference.led = cycle;
+        }
+        self.servo.sample(sent, dc);
+        if self.measuring {
+            let cycle = self.cycle.0;
+            let phase = (dc + self.to_phase).phase(cycle as u64) as i64;
+            let error = if phase > self.half.0 { phase - cycle } else { phase };
+            board.statistics.phase_error.add(Nanos(error));
+            self.latest = self.latest.max(Some(Nanos(error)));
+        }
+        Some(dc)
+    }
+
+    /// Takes another number of SubDevices that answer.
+    #[cold]
+    fn take_count(&mut self, found: u16, cycle: u64, board: &mut Board) {
+        self.answering = found;
+        board.report(Event::CountChanged { cycle, expected: self.count, found });
+    }
+
+    /// Takes a working counter of the drift datagram that is not the usual one; returns whether its
+    /// data may be used.
+    #[cold]
+    fn take_drift_counter(&mut self, wkc: u16, cycle: u64, board: &mut Board) -> bool {
+        let Some(reference) = &mut self.reference else { return false };
         let expected = if reference.reading { 1 } else { reference.clocks };
         // SubDevices that are about to be admitted answer too.
         let more = wkc > expected && !reference.reading;
@@ -124,28 +168,9 @@ impl CyclicExchange {
             // others, one clock is no longer controlled and the time would still be right, but the
             // working counter cannot tell these cases apart. In a ring it can, see
             // `take_time_alone`.
-            return None;
+            return false;
         }
-        let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw))?;
-        if raw == 0 {
-            // The data is unchanged: other clocks answered, but not the reference.
-            return None;
-        }
-        let dc = reference.extend(raw);
-        board.reference_time = (sent, dc);
-        self.taken.time = (cycle, dc);
-        if !reference.reading {
-            reference.led = cycle;
-        }
-        self.servo.sample(sent, dc);
-        if self.measuring {
-            let cycle = self.cycle.0;
-            let phase = (dc + -self.send_phase).phase(cycle as u64) as i64;
-            let error = if phase > cycle / 2 { phase - cycle } else { phase };
-            board.statistics.phase_error.add(Nanos(error));
-            self.latest = self.latest.max(Some(Nanos(error)));
-        }
-        Some(dc)
+        true
     }
 
     /// Takes the time in a ring if some clocks did not answer: the time is that of the reference,
@@ -167,28 +192,53 @@ impl CyclicExchange {
         Some(dc)
     }
 
-    /// Takes the inputs of a chunk with the right working counter.
+    /// Takes the inputs of a chunk with the right working counter; returns whether it is right.
+    #[inline]
     pub(super) fn take_chunk(
         &mut self,
-        part: Part,
-        at: usize,
+        (at, is_write): (usize, bool),
+        image: usize,
         data: &[u8],
         wkc: u16,
         cycle: u64,
         board: &mut Board,
     ) -> bool {
-        let chunk = &self.image.chunks[at];
-        let count = |(writers, readers): (u16, u16)| match part {
-            Part::ReadWrite(_) => 2 * writers + readers,
-            Part::Write(_) => writers,
-            _ => readers,
-        };
-        let (expected, planned) = (count(self.admitted[at]), count((chunk.writers, chunk.readers)));
+        if let Some(admitted) = self.admitted.get(at)
+            && let Some(wrong) = self.wrong.get(at)
+            && let Some(taken) = self.taken.chunks.get_mut(at)
+            && admitted.is_whole
+            && wkc == admitted.counters[usize::from(is_write)]
+            && wrong[usize::from(is_write)] == 0
+            && let Some(inputs) = self.inputs.get_mut(image..)
+            && let Some((inputs, _)) = inputs.split_at_mut_checked(data.len())
+        {
+            // Inputs that come after those of a later cycle are too late.
+            if !is_write && cycle > *taken {
+                *taken = cycle;
+                inputs.copy_from_slice(data);
+            }
+            return true;
+        }
+        self.take_other_chunk((at, is_write), data, wkc, cycle, board)
+    }
+
+    /// The same for a chunk with absent SubDevices or with a wrong working counter, now or before.
+    #[cold]
+    fn take_other_chunk(
+        &mut self,
+        (at, is_write): (usize, bool),
+        data: &[u8],
+        wkc: u16,
+        cycle: u64,
+        board: &mut Board,
+    ) -> bool {
+        let (chunk, admitted) = (&self.image.chunks[at], self.admitted[at]);
+        let expected = admitted.counters[usize::from(is_write)];
+        let planned = self.image.counters(chunk.writers, chunk.readers)[usize::from(is_write)];
         // SubDevices that are about to be admitted count as soon as they are mapped.
         let more = self.answering > self.present && (expected..=planned).contains(&wkc);
-        let wkc = if more { expected } else { wkc };
-        let wrong = &mut self.wrong[at][usize::from(part == Part::Write(at))];
-        if wkc != expected {
+        let wrong = &mut self.wrong[at][usize::from(is_write)];
+        if wkc != expected && !more {
             board.statistics.working_counter_errors += 1;
             board.incomplete = (expected, wkc);
             if *wrong == 0 {
@@ -197,11 +247,10 @@ impl CyclicExchange {
             *wrong += 1;
             return false;
         }
-        // Inputs that come after those of a later cycle are too late.
-        if part != Part::Write(at) && cycle > self.taken.chunks[at] {
+        if !is_write && cycle > self.taken.chunks[at] {
             self.taken.chunks[at] = cycle;
             let from = chunk.logical as usize;
-            if self.admitted[at] == (chunk.writers, chunk.readers) {
+            if admitted.is_whole {
                 self.inputs[from..from + usize::from(chunk.length)].copy_from_slice(data);
             } else {
                 // For an absent SubDevice our own outputs come back.

@@ -33,17 +33,14 @@ impl Origin {
     pub fn of(frame: &[u8], source: [u8; 6]) -> Self {
         let Ok(payload) = payload_offset(frame) else { return Origin::Other };
         let Some(found) = frame[6..].first_chunk::<6>() else { return Origin::Other };
-        if *found == source && source[0] & LOCALLY_ADMINISTERED == 0 {
-            return Origin::Unmarked { payload };
-        }
-        let passed = |mut address: [u8; 6]| {
-            address[0] |= LOCALLY_ADMINISTERED;
-            address
-        };
-        if passed(*found) == passed(source) {
-            Origin::Ours { payload }
-        } else {
-            Origin::Foreign(*found)
+        let number = |[a, b, c, d, e, f]: [u8; 6]| u64::from_le_bytes([a, b, c, d, e, f, 0, 0]);
+        let differs = number(*found) ^ number(source);
+        match differs {
+            // Nearly every frame is ours, and marked.
+            MARK => Origin::Ours { payload },
+            0 if source[0] & LOCALLY_ADMINISTERED != 0 => Origin::Ours { payload },
+            0 => Origin::Unmarked { payload },
+            _ => Origin::Foreign(*found),
         }
     }
 
@@ -61,6 +58,9 @@ impl Origin {
         }
     }
 }
+
+/// The bit that the first ESC sets, in a source address as a number.
+const MARK: u64 = LOCALLY_ADMINISTERED as u64;
 
 /// Whether an ESC has changed a datagram: its working counter, or its position (ADP), which each
 /// ESC increments. `sent` returns the position with which a datagram left, by its number in the

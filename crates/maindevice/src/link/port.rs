@@ -318,6 +318,7 @@ impl Port {
 
     /// Bytes on the wire of the first datagram in the queue, in a separate frame; `None` if nothing
     /// is queued.
+    #[inline]
     pub fn first_len(&self) -> Option<usize> {
         self.queue.front().map(|_| self.front_len() + HEADERS)
     }
@@ -390,6 +391,12 @@ impl Port {
     /// Gives up frames whose timeout is over.
     #[inline]
     pub fn handle_timeout(&mut self, statistics: &mut Statistics) {
+        if !self.flights.is_empty() {
+            self.expire(statistics);
+        }
+    }
+
+    fn expire(&mut self, statistics: &mut Statistics) {
         let now = self.now;
         while let Some(at) = self.flights.iter().position(|flight| flight.deadline <= now) {
             let mut flight = self.flights.swap_remove(at);
@@ -413,17 +420,20 @@ impl Port {
     }
 
     /// When a frame will be given up or a wait ends.
+    #[inline]
     pub fn next_timeout(&self) -> Time<Host> {
         let flights = self.flights.iter().map(|flight| flight.deadline);
         flights.fold(self.wake, Time::min)
     }
 
     /// Number of frames in flight.
+    #[inline]
     pub fn in_flight(&self) -> usize {
         self.flights.len()
     }
 
     /// Called before each round of polling.
+    #[inline]
     pub fn forget_waits(&mut self) {
         self.wake = Time::NEVER;
     }

@@ -21,6 +21,13 @@ macro_rules! kinds {
         impl Kind {
             /// All kinds.
             pub(super) const ALL: [Self; [$(Kind::$kind),*].len()] = [$(Kind::$kind),*];
+
+            /// Whether something holds for any kind. Each is a constant for the compiler, so that
+            /// no kind costs more than its own question.
+            #[inline(always)]
+            fn any(holds: impl Fn(Self) -> bool) -> bool {
+                false $(|| holds(Self::$kind))*
+            }
         }
     };
 }
@@ -74,11 +81,15 @@ impl Kind {
 /// The procedures in addition to the cycle.
 impl MainDevice {
     /// Polls all procedures and starts those that are due.
+    #[inline]
     pub(super) fn work(&mut self) {
         in_hand(&mut self.shared).port.forget_waits();
-        if self.is_quiet() {
-            return;
+        if !self.is_quiet() {
+            self.work_on_all();
         }
+    }
+
+    fn work_on_all(&mut self) {
         self.lend(|machine| {
             machine.work_on_way();
             if machine.is_only_on_the_way() {
@@ -110,15 +121,16 @@ impl MainDevice {
     }
 
     /// Whether only the cycle runs.
+    #[inline]
     fn is_quiet(&self) -> bool {
         matches!(self.activity, Activity::Operating)
             && !self.stopping
             && self.procedures.is_empty()
-            && !Kind::ALL.iter().any(|kind| self.is_due(*kind))
+            && !Kind::any(|kind| self.is_due(kind))
     }
 
     /// Whether a procedure of this kind is to start, in operation.
-    #[inline]
+    #[inline(always)]
     fn is_due(&self, kind: Kind) -> bool {
         match kind {
             Kind::Request => !self.jobs.is_empty(),
@@ -135,7 +147,7 @@ impl MainDevice {
                 self.delay_watch.as_ref().is_some_and(|watch| watch.due(now))
             }
             // Entries of objects are read together with clocks.
-            Kind::Clocks => self.has_quality_to_look_at(),
+            Kind::Clocks => self.quality.is_some() && self.has_quality_to_look_at(),
             // These are started at once by the code that needs them.
             Kind::Entry | Kind::Read | Kind::Readmit | Kind::Recover | Kind::Rewrite => false,
         }

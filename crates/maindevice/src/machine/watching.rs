@@ -10,7 +10,7 @@ use super::procedures::{About, Ended};
 use super::way::Activity;
 use crate::coe;
 use crate::event::Event;
-use crate::quality::{self, ClockQuality, Snapshot};
+use crate::quality::{self, ClockQuality, ObjectQuality, Snapshot};
 
 /// Quality of the running segment.
 impl MainDevice {
@@ -27,6 +27,12 @@ impl MainDevice {
     pub fn snapshot(&self) -> Option<Snapshot<'_>> {
         let cycle = self.cycle.as_ref()?;
         Some(self.quality.as_ref()?.snapshot(self.shared().port.now, cycle))
+    }
+
+    /// The objects that are read in the background, by position: those of [`Self::snapshot`].
+    pub fn object_quality(&self) -> Option<&[ObjectQuality]> {
+        self.cycle.as_ref()?;
+        Some(self.quality.as_ref()?.objects())
     }
 
     /// Whether delays are measured while the segment runs

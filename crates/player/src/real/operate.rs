@@ -59,8 +59,8 @@ pub(super) struct Verdicts {
 }
 
 impl Witness for Seen {
-    fn statistics(&self) -> Statistics {
-        self.statistics
+    fn statistics(&self) -> &Statistics {
+        &self.statistics
     }
 
     fn segment(&self) -> &Segment {

@@ -62,6 +62,7 @@ impl Envelope {
 
     /// Adds a pair and returns the new line. `window` is the memory in samples, `noise` the usual
     /// height of pairs, ns.
+    #[inline(never)]
     pub fn sample(
         &mut self,
         line: &Line,
@@ -156,8 +157,14 @@ impl Envelope {
         };
         let height = |point: &Point| line.error(point.host, point.dc);
         let points = &self.points[..self.len];
+        // More points allow less, so that no more of them matter once one is below the least.
+        let half = self.len / 2;
+        let least = most(half);
         let mut lowest = height(&points[self.len - 1]);
-        for back in 2..=self.len / 2 {
+        for back in 2..=half {
+            if lowest <= least {
+                break;
+            }
             lowest = lowest.min(height(&points[self.len - back]));
             if lowest > most(back) {
                 self.raised = lowest;
@@ -166,7 +173,8 @@ impl Envelope {
         }
         let third = self.len / 3;
         let middle = &points[third..self.len - third];
-        if middle.iter().map(height).fold(f64::MAX, f64::min) > most(middle.len()) {
+        let allowed = most(middle.len());
+        if middle.iter().all(|point| height(point) > allowed) {
             self.keep(self.len - third);
         }
     }
@@ -179,37 +187,106 @@ impl Envelope {
 
     /// The line under all points and `newest`.
     fn fit(&self, line: &Line, newest: Point) -> Line {
-        let Some(first) = self.points[..self.len].first() else { return *line };
-        let middle = (newest.host - first.host).0 / 2;
-        let points = || self.points[..self.len].iter().chain(Some(&newest));
-        // Relative to the old line the numbers are small, so floats hold them exactly.
-        let x = |point: &Point| (point.host - first.host).0 as f64;
-        let y = |point: &Point| line.error(point.host, point.dc);
+        let points = &self.points[..self.len];
+        let Some(first) = points.first() else { return *line };
+        let span = newest.host - first.host;
+        // Points are in the order of their times, all different.
+        let middle = points.partition_point(|point| point.host - first.host <= Nanos(span.0 / 2));
+        let (left, right) = points.split_at(middle);
+        let below = Below { line, first, span };
         let mut rate = 0.0;
-        for _ in 0..MOST_TURNS {
-            let lowest = |right: bool| {
-                let half = points().filter(|p| ((p.host - first.host).0 > middle) == right);
-                half.map(|point| (x(point), y(point)))
-                    .reduce(|a, b| if b.1 - rate * b.0 < a.1 - rate * a.0 { b } else { a })
-            };
-            let (Some(left), Some(right)) = (lowest(false), lowest(true)) else { break };
-            let better = (right.1 - left.1) / (right.0 - left.0);
+        // The height of the line with this rate, if both halves were searched with it.
+        let mut height = None;
+        let turns = if span.0 > 0 { MOST_TURNS } else { 0 };
+        for _ in 0..turns {
+            let right = below.lowest(right.iter().chain(Some(&newest)), rate);
+            let (Some(left), Some(right)) = (below.lowest(left.iter(), rate), right) else { break };
+            let better = (right.y - left.y) / (right.x - left.x);
             if (better - rate).abs() < 1e-12 {
+                height = Some((rate, left.above(rate).min(right.above(rate))));
                 break;
             }
             rate = better;
         }
         let rate = (line.rate + rate).clamp(-RATE_LIMIT, RATE_LIMIT) - line.rate;
-        let height = points().map(|point| y(point) - rate * x(point)).fold(f64::MAX, f64::min);
-        let end = height + rate * (newest.host - first.host).0 as f64;
+        let height = match height.filter(|(of, _)| *of == rate) {
+            Some((_, height)) => height,
+            None => {
+                let lowest = below.lowest(points.iter().chain(Some(&newest)), rate);
+                lowest.map_or(f64::MAX, |place| place.above(rate))
+            }
+        };
+        let end = height + rate * span.0 as f64;
         let mut fitted = line.moved(newest.host, end);
         fitted.rate += rate;
         fitted
     }
 }
 
+/// The search for the lowest point, seen along a line.
+struct Below<'a> {
+    line: &'a Line,
+    first: &'a Point,
+    /// Time of all points.
+    span: Nanos,
+}
+
+/// A point relative to the old line, in which numbers are small, so that floats hold them exactly.
+#[derive(Clone, Copy)]
+struct Place {
+    /// Time since the first point, ns.
+    x: f64,
+    /// Height above the old line, ns.
+    y: f64,
+}
+
+impl Place {
+    /// The height above a line through the origin.
+    fn above(&self, rate: f64) -> f64 {
+        self.y - rate * self.x
+    }
+}
+
+impl Below<'_> {
+    /// The first of the lowest points above a line of this rate.
+    ///
+    /// Most points are far above the lowest. Whole numbers show that at a third of the cost: a
+    /// point that they find [`DOUBT`] higher than another is higher, and is passed over.
+    fn lowest<'p>(&self, points: impl Iterator<Item = &'p Point>, rate: f64) -> Option<Place> {
+        let slope = self.line.rate + rate;
+        let is_usual = slope.abs() < STEEPEST && (0..LONGEST).contains(&self.span.0);
+        let slope = (slope * (1_u64 << SCALE) as f64) as i64;
+        let mut lowest: Option<Place> = None;
+        let mut least = i64::MAX - DOUBT;
+        for point in points {
+            let x = (point.host - self.first.host).0;
+            let y = (point.dc - self.first.dc).0.wrapping_sub(x);
+            if is_usual {
+                let above = y.wrapping_sub(x.wrapping_mul(slope) >> SCALE);
+                if above > least + DOUBT {
+                    continue;
+                }
+                least = least.min(above);
+            }
+            let place = Place { x: x as f64, y: self.line.error(point.host, point.dc) };
+            if lowest.is_none_or(|lowest| place.above(rate) < lowest.above(rate)) {
+                lowest = Some(place);
+            }
+        }
+        lowest
+    }
+}
+
 /// Number of points kept.
 const POINTS: usize = 128;
+/// Bits behind the point of a slope as a whole number.
+const SCALE: u32 = 36;
+/// Slopes and times, ns, for which whole numbers do: their product has 62 bits.
+const STEEPEST: f64 = 1.0 / 256.0;
+const LONGEST: i64 = 1 << 34;
+/// By how much heights in whole numbers may be wrong, ns: 1 for rounding down, 1/4 for the slope,
+/// for each of two points.
+const DOUBT: i64 = 3;
 /// Most iterations to find the two points that carry the line; two or three are usual.
 const MOST_TURNS: usize = 8;
 /// Pairs from which on the uncertainty has a meaning.
@@ -231,3 +308,75 @@ const GRAIN: f64 = 20.0;
 const LEAST_HEIGHT: f64 = 5.0;
 const PHASE_FACTOR: f64 = 4.0;
 const RATE_FACTOR: f64 = 8.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    impl Envelope {
+        /// The fit as it is defined: each turn looks at all points.
+        fn fit_plainly(&self, line: &Line, newest: Point) -> Line {
+            let Some(first) = self.points[..self.len].first() else { return *line };
+            let middle = (newest.host - first.host).0 / 2;
+            let points = || self.points[..self.len].iter().chain(Some(&newest));
+            let x = |point: &Point| (point.host - first.host).0 as f64;
+            let y = |point: &Point| line.error(point.host, point.dc);
+            let mut rate = 0.0;
+            for _ in 0..MOST_TURNS {
+                let lowest = |right: bool| {
+                    let half = points().filter(|p| ((p.host - first.host).0 > middle) == right);
+                    half.map(|point| (x(point), y(point)))
+                        .reduce(|a, b| if b.1 - rate * b.0 < a.1 - rate * a.0 { b } else { a })
+                };
+                let (Some(left), Some(right)) = (lowest(false), lowest(true)) else { break };
+                let better = (right.1 - left.1) / (right.0 - left.0);
+                if (better - rate).abs() < 1e-12 {
+                    break;
+                }
+                rate = better;
+            }
+            let rate = (line.rate + rate).clamp(-RATE_LIMIT, RATE_LIMIT) - line.rate;
+            let height = points().map(|point| y(point) - rate * x(point)).fold(f64::MAX, f64::min);
+            let end = height + rate * (newest.host - first.host).0 as f64;
+            let mut fitted = line.moved(newest.host, end);
+            fitted.rate += rate;
+            fitted
+        }
+    }
+
+    /// Passing points over changes no bit of the line, with clocks of any rate, heights of any
+    /// size, and cycles from 50 us to longer than whole numbers take.
+    #[test]
+    fn the_fit_is_the_plain_one() {
+        let mut random = 0x2545_F491_4F6C_DD1D_u64;
+        let mut draw = |below: u64| {
+            random ^= random << 13;
+            random ^= random >> 7;
+            random ^= random << 17;
+            random % below
+        };
+        for run in 0..60 {
+            let cycle = [50_000, 1_000_000, 4_000_000, 10_000_000, 1_000_000_000][run % 5];
+            let ppb = draw(2_400_000) as i64 - 1_200_000;
+            let most = [1, 30, 10_000, 1_000_000][run % 4];
+            let window = [100, 250, 1_000][run % 3];
+            let mut envelope = Envelope::new();
+            let mut host = 1_000_000 + draw(1 << 40);
+            let mut line = Line { host: Time::new(host), dc: Time::new(7), ..Line::default() };
+            for _ in 0..600 {
+                host += cycle + draw(cycle / 10);
+                let drift = i128::from(host) * i128::from(ppb) / 1_000_000_000;
+                let most = draw(most);
+                let height = draw(1 + most);
+                let dc = (i128::from(host) + drift) as u64 + height;
+                let point = Point { host: Time::new(host), dc: Time::new(dc / 10 * 10) };
+                let next = envelope.sample(&line, (point.host, point.dc), window, Nanos(10_000));
+                let (fast, plain) =
+                    (envelope.fit(&line, point), envelope.fit_plainly(&line, point));
+                let bits = |line: &Line| (line.dc, line.fraction.to_bits(), line.rate.to_bits());
+                assert_eq!(bits(&fast), bits(&plain), "run {run}");
+                line = next;
+            }
+        }
+    }
+}

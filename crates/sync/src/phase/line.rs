@@ -44,8 +44,9 @@ impl Line {
 }
 
 /// Rounds to the nearest whole number; `f64::round` needs std.
+#[inline]
 pub(super) fn round(value: f64) -> i64 {
-    (if value < 0.0 { value - 0.5 } else { value + 0.5 }) as i64
+    (value + 0.5_f64.copysign(value)) as i64
 }
 
 /// Square root to a thousandth, up to four million; `f64::sqrt` needs std.

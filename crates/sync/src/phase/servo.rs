@@ -105,25 +105,23 @@ impl Servo {
         }
         let error = self.line.error(host, dc);
         self.last_error = Nanos(round(error));
-        if self.is_outlier(interval) {
-            self.outliers += 1;
-            let held_up = self.last_error.0 > 0 || self.state == State::Locked;
-            if !held_up || self.outliers >= self.settings.outlier_count {
-                self.restart(host, dc);
-            }
-            return;
+        let distance = self.last_error.abs();
+        if distance > self.settings.outlier + self.rate_allowance(interval) {
+            return self.leave_out(host, dc);
         }
         self.outliers = 0;
         let Settings { bandwidth_hz, stamp_noise, .. } = self.settings;
-        self.line = match &mut self.fit {
-            Fit::Exact(fit) => fit.sample(&self.line, host, interval, error, bandwidth_hz),
+        match &mut self.fit {
+            Fit::Exact(fit) => {
+                self.line = fit.sample(&self.line, host, interval, error, bandwidth_hz);
+            }
             Fit::Early(fit) => {
                 let window = self.settings.window();
-                fit.sample(&self.line, (host, dc), window, stamp_noise)
+                self.line = fit.sample(&self.line, (host, dc), window, stamp_noise);
             }
-        };
+        }
         self.last_sample = host;
-        self.judge();
+        self.judge(distance);
     }
 
     /// Advances the time, so that the servo notices missing samples.
@@ -163,6 +161,7 @@ impl Servo {
 
     /// The system time that a frame sent at `host` will find at the reference clock. Without a
     /// sample it is the host time itself.
+    #[inline]
     pub fn dc_at(&self, host: Time<Host>) -> Time<Dc> {
         let (dc, fraction) = self.line.at(host);
         dc + Nanos(round(fraction))
@@ -194,9 +193,14 @@ impl Servo {
         &self.line
     }
 
-    /// Whether the last sample is too far off the line to be used.
-    fn is_outlier(&self, interval: Nanos) -> bool {
-        self.last_error.abs() > self.settings.outlier + self.rate_allowance(interval)
+    /// Counts a sample that is too far off the line to be used.
+    #[cold]
+    fn leave_out(&mut self, host: Time<Host>, dc: Time<Dc>) {
+        self.outliers += 1;
+        let held_up = self.last_error.0 > 0 || self.state == State::Locked;
+        if !held_up || self.outliers >= self.settings.outlier_count {
+            self.restart(host, dc);
+        }
     }
 
     /// The additional error of a line of few samples, which does not know its rate yet.
@@ -208,6 +212,8 @@ impl Servo {
         }
     }
 
+    #[cold]
+    #[inline(never)]
     fn restart(&mut self, host: Time<Host>, dc: Time<Dc>) {
         let rate = self.line.rate;
         *self = Self::new(self.settings);
@@ -220,11 +226,14 @@ impl Servo {
         }
     }
 
-    fn judge(&mut self) {
-        let error = self.last_error.abs();
+    /// Takes the distance of a sample from the line.
+    fn judge(&mut self, distance: Nanos) {
         let threshold = self.settings.lock_threshold;
-        self.good = if error <= threshold { self.good + 1 } else { 0 };
-        self.bad = if error.0 > 4 * threshold.0 { self.bad + 1 } else { 0 };
+        self.good = if distance <= threshold { self.good + 1 } else { 0 };
+        self.bad = if distance.0 > 4 * threshold.0 { self.bad + 1 } else { 0 };
+        if self.state == State::Locked && self.bad < self.settings.lock_count {
+            return;
+        }
         self.state = match self.state {
             State::Acquiring
                 if self.good >= self.settings.lock_count
@@ -232,8 +241,7 @@ impl Servo {
             {
                 State::Locked
             }
-            State::Holdover => State::Acquiring,
-            State::Locked if self.bad >= self.settings.lock_count => State::Acquiring,
+            State::Holdover | State::Locked => State::Acquiring,
             state => state,
         };
     }

@@ -202,8 +202,8 @@ const fn run(start: u16, end: u16, unit: Unit, gate: Gate) -> Run {
     Run { start, end, unit, gate }
 }
 
-/// The registers that both sides can read. A run ends where its registers end in memory, too: FMMUs,
-/// SyncManagers and chip-specific registers lie there as chips have them.
+/// The registers that both sides can read. A run ends where its registers end in memory, too:
+/// FMMUs, SyncManagers and chip-specific registers lie there as chips have them.
 pub(crate) static READABLE: Table = Table::new(&[
     run(0x0000, 0x0014, Unit::Always, Gate::Open),
     run(0x0020, 0x0022, Unit::Always, Gate::Open),

@@ -23,8 +23,8 @@ pub(crate) enum Outcome {
     Error(ErrorDetail),
 }
 
-/// The server and its present transfer, whose data are in a buffer of the caller. A new request ends
-/// the previous transfer.
+/// The server and its present transfer, whose data are in a buffer of the caller. A new request
+/// ends the previous transfer.
 pub(crate) struct Server {
     transfer: Transfer,
     list: Option<List>,

@@ -10,7 +10,7 @@ use isocat::plan::{Plan, cycles, suggest};
 use isocat::profile::TakenOpMode;
 use isocat::{Nanos, NoTap, Scenario, SegmentFile};
 
-const BOX: &str = include_str!("esi/box.xml");
+const BOX: &str = include_str!("../esi/box.xml");
 /// The OpMode of the box with SYNC0 alone, and the one with SYNC1.
 const SYNC0: &str =
     "<CycleTimeSync0 Factor=\"1\">0</CycleTimeSync0><ShiftTimeSync0>0</ShiftTimeSync0>";

@@ -15,8 +15,8 @@ use isocat_sim::Segment;
 use isocat_wire::frame::{self, duration_ns};
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 
-use crate::line::{self, IN_A_FRAME};
-use crate::witness::Witness;
+use super::line::{self, IN_A_FRAME};
+use super::witness::Witness;
 
 const CYCLE: Nanos = Nanos::millis(10);
 /// Once all are in OP, one of this number of returning frames is dropped.
@@ -133,6 +133,7 @@ fn attempt(name: &str, frames: usize, slow: usize) -> Option<Witness> {
 
 #[test]
 fn the_same_application_runs_on_an_interface() {
+    let _alone = crate::alone::alone();
     for (name, frames, slow) in [("ap-one", 1, 0), ("ap-three", 3, 0), ("ap-group", 2, 4)] {
         let mut tried = 0;
         let witness = loop {

@@ -197,6 +197,7 @@ mod wire {
     /// say that it is in sync, one by registers, the other in true time.
     #[test]
     fn both_ends_of_a_wire_are_watched() {
+        let _alone = crate::alone::alone();
         let name = "ic-watch";
         let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
         let file = folder.join("watch.toml");

@@ -12,7 +12,7 @@ use isocat_sync::SyncMode;
 use isocat_wire::time::{Time, True};
 use isocat_wire::{Command, register};
 
-const BOX: &str = include_str!("esi/box.xml");
+const BOX: &str = include_str!("../esi/box.xml");
 
 /// A segment of the one drive, whose second OpMode has this word.
 fn segment(word: &str) -> Scenario {

@@ -17,7 +17,7 @@ use isocat_wire::register;
 use isocat_wire::sii::{SmRecord, categories, category, sm_type};
 use isocat_wire::time::{Picos, Time, True};
 
-const FILE: &str = include_str!("esi/windows.xml");
+const FILE: &str = include_str!("../esi/windows.xml");
 
 /// A segment of devices of a file, each with its keys.
 fn segment(name: &str, text: &str, devices: &[&str]) -> SegmentFile {

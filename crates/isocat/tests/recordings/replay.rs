@@ -324,6 +324,5 @@ fn compare(path: &Path, text: &str) {
     assert!(committed == text, "{} changed: UPDATE_GOLDEN=1 takes the new one", path.display());
 }
 
-const BEGIN: &str =
-    "<!-- The table is made by crates/isocat/tests/replay.rs with UPDATE_GOLDEN=1. -->\n\n";
+const BEGIN: &str = "<!-- The table is made by crates/isocat/tests/recordings/replay.rs with UPDATE_GOLDEN=1. -->\n\n";
 const END: &str = "\n<!-- End of the table. -->";

@@ -11,7 +11,7 @@ use isocat::{NoTap, Scenario, SegmentFile, run};
 use isocat_maindevice::{Cause, SoeError, StartupParameter};
 use isocat_wire::soe::{ErrorCode, Idn};
 
-const DRIVES: &str = include_str!("esi/drives.xml");
+const DRIVES: &str = include_str!("../esi/drives.xml");
 
 /// A segment of the device of that file, changed; and what its name adds to the file's.
 fn scenario(name: &str, change: impl FnOnce(String) -> String, cycle: &str) -> Scenario {

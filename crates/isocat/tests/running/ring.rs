@@ -1,9 +1,7 @@
 //! A redundancy ring: whole, cut at every edge while it runs, healed, cut twice. Judged in true
 //! time.
 
-mod field;
-
-use field::*;
+use crate::field::*;
 use isocat::{Nanos, NoTap, Scenario, SegmentFile};
 use isocat_maindevice::error::RingProblem;
 use isocat_maindevice::{Cause, Error, Event, Motion, Recovery, Ring};

@@ -2,9 +2,7 @@
 //! device in the place of one, a reference clock that is gone. Judged in true time: those that go
 //! on are not disturbed, those that come back are on the grid that they had.
 
-mod field;
-
-use field::*;
+use crate::field::*;
 use isocat::{Nanos, Scenario, SegmentFile};
 use isocat_maindevice::segment::DcCapability;
 use isocat_maindevice::{Cause, Event, Recovery};

@@ -122,7 +122,7 @@ fn both_sides_of_the_watchdog() {
 #[test]
 fn another_clock_leads_while_the_reference_is_gone() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
-    let profile = include_str!("../../segment/profiles/simple_io16.toml");
+    let profile = include_str!("../../../segment/profiles/simple_io16.toml");
     let without = profile
         .replace("\"simple_io16\"", "\"fork\"")
         .replace("sync_unit = true", "sync_unit = false");

@@ -18,7 +18,7 @@ use isocat_wire::dc::AssignActivate;
 use isocat_wire::sii::{self, SmRecord, category};
 use isocat_wire::{ObjectAddress, PortNumber};
 
-const BOX: &str = include_str!("esi/box.xml");
+const BOX: &str = include_str!("../esi/box.xml");
 
 fn import(text: &str) -> EsiFile {
     EsiFile::from_bytes("box.xml", text.as_bytes()).unwrap()

@@ -1,11 +1,9 @@
 //! Every published device as its profile: what the stack answers by SDO against the makers' tables,
 //! and that each comes to OP in every mode that it announces.
 
-mod bench;
-
 use std::path::PathBuf;
 
-use bench::Bench;
+use crate::bench::Bench;
 use isocat::profile::{self, Profile};
 use isocat::{Nanos, Scenario, SegmentFile, run};
 use isocat_sync::SyncMode;

@@ -10,7 +10,7 @@ use isocat::plan::Plan;
 use isocat::start_up::{DeviceStartUp, Transition};
 use isocat::{Scenario, SegmentFile, StartUp, run};
 
-const BOX: &str = include_str!("esi/box.xml");
+const BOX: &str = include_str!("../esi/box.xml");
 const IN_PREOP: &str = "<InitCmd><Transition>PS</Transition><Index>#x2000</Index>";
 const NOT_THERE: &str = "<Index>#x3000</Index><SubIndex>1</SubIndex><Data>07</Data></InitCmd>";
 

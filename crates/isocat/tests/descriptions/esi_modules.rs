@@ -8,7 +8,7 @@ use isocat::profile::Profile;
 use isocat::{Nanos, Scenario, SegmentFile, catalog, run};
 use isocat_wire::ObjectAddress;
 
-const RACK: &str = include_str!("esi/rack.xml");
+const RACK: &str = include_str!("../esi/rack.xml");
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/esi/");
 
 fn parse(keys: &str) -> Result<SegmentFile, String> {

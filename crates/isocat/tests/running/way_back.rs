@@ -2,9 +2,7 @@
 //! taken up, the way of frames changes meanwhile, something was under way in their mailbox. Judged
 //! in true time.
 
-mod field;
-
-use field::*;
+use crate::field::*;
 use isocat_maindevice::{Cause, Event};
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::Picos;

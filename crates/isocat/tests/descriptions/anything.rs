@@ -1,9 +1,8 @@
 //! Arbitrary bytes at the doors of the command: files that were good once, with pieces of them
 //! lost, doubled, exchanged and spoilt. Longer runs are those of `fuzz/`.
 
+use crate::checking;
 use isocat::{SegmentFile, profile};
-
-mod checking;
 
 /// A sequence that each run repeats (SplitMix64).
 struct Draws(u64);
@@ -76,7 +75,7 @@ fn try_all(seed: u64, goods: &[&[u8]], rounds: usize, check: fn(&[u8])) {
 fn descriptions() {
     try_all(
         1,
-        &[include_bytes!("esi/box.xml"), include_bytes!("esi/rack.xml")],
+        &[include_bytes!("../esi/box.xml"), include_bytes!("../esi/rack.xml")],
         400,
         checking::esi,
     );

@@ -6,7 +6,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::OnceLock;
+use std::sync::{MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
 use isocat::host::{RawSocket, clock};
@@ -14,6 +14,8 @@ use isocat_wire::Command as Access;
 use isocat_wire::datagram::{Address, datagrams};
 use isocat_wire::frame::{self, FrameWriter, MAX_LEN};
 use isocat_wire::time::Nanos;
+
+use crate::alone::alone;
 
 fn isocat(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_isocat")).args(arguments).output().expect("it starts")
@@ -43,10 +45,12 @@ struct Service {
     child: Child,
     name: &'static str,
     output: BufReader<std::process::ChildStdout>,
+    _alone: MutexGuard<'static, ()>,
 }
 
 impl Service {
     fn start(name: &'static str, more: &[&str]) -> Self {
+        let alone = alone();
         let mut child = Command::new(env!("CARGO_BIN_EXE_isocat"))
             .args(["serve", "--setup-veth", name])
             .args(more)
@@ -58,7 +62,7 @@ impl Service {
         let mut line = String::new();
         output.read_line(&mut line).expect("a first line");
         assert!(line.contains("erving"), "{line}");
-        Self { child, name, output }
+        Self { child, name, output, _alone: alone }
     }
 
     fn control(&self, words: &[&str]) -> Output {

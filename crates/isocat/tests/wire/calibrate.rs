@@ -145,6 +145,7 @@ fn a_served_segment_shows_what_was_set() {
         }
     }
 
+    let _alone = crate::alone::alone();
     let made = Command::new("ip").args(["netns", "add", "isct-cal-p"]).output();
     let permitted = made.is_ok_and(|made| made.status.success());
     let _ = Command::new("ip").args(["netns", "del", "isct-cal-p"]).output();

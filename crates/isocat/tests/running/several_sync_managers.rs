@@ -9,7 +9,7 @@ use isocat_sim::{Tap, World};
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::{Picos, Time, True};
 
-const FILE: &str = include_str!("esi/several.xml");
+const FILE: &str = include_str!("../esi/several.xml");
 
 /// A segment of the device of a file with these keys.
 fn segment(name: &str, text: &str, keys: &str) -> Result<SegmentFile, String> {

@@ -11,7 +11,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, MutexGuard};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -26,10 +26,11 @@ use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 use isocat_wire::{Command as Access, register};
 use serde_json::Value;
 
+use crate::alone::alone;
+
 /// The wire of one test.
 struct Wire {
     veth: Veth,
-    /// Two runs at a time would disturb each other.
     _alone: MutexGuard<'static, ()>,
 }
 
@@ -42,8 +43,7 @@ impl std::ops::Deref for Wire {
 
 /// The wire of one test; `None`, with a word, where it can't be had.
 fn wire(name: &str) -> Option<Wire> {
-    static ALONE: Mutex<()> = Mutex::new(());
-    let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let alone = alone();
     match Veth::create(name) {
         Ok(veth) => Some(Wire { veth, _alone: alone }),
         Err(error @ (LinkError::Permission { .. } | LinkError::Ip { .. })) => {

@@ -131,7 +131,7 @@ fn counters_and_faster_cycles_are_told() {
 
 #[test]
 fn columns_are_documented() {
-    let page = include_str!("../../../docs/exports.md");
+    let page = include_str!("../../../../docs/exports.md");
     for column in COLUMNS {
         let kind = match column.kind {
             Kind::Integer => "int64",

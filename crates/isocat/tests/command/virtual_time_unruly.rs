@@ -84,7 +84,7 @@ fn garbage_on_the_wire_is_counted_and_harms_nothing() {
         return send_garbage();
     }
     let test = std::env::current_exe().expect("a test has a binary");
-    let name = "garbage_on_the_wire_is_counted_and_harms_nothing";
+    let name = "virtual_time_unruly::garbage_on_the_wire_is_counted_and_harms_nothing";
     let program = ["--json", "--", &test.display().to_string(), name, "--exact", "--quiet"];
     let output = isocat(&program);
     let Some((errors, code)) = told(&output) else { return };

@@ -285,7 +285,7 @@ fn what_does_not_go_together_is_refused() {
 /// from this sub-index on.
 fn described(name: &str, opmode: usize, from: u8) -> String {
     let (before, after) =
-        include_str!("esi/box.xml").split_once("<Name>DT2000</Name>").expect("there");
+        include_str!("../esi/box.xml").split_once("<Name>DT2000</Name>").expect("there");
     let after = after
         .replacen("<Access>ro</Access>", "<Access>rw</Access>", 1)
         .replace("<Data>07000000</Data>", "<Data>ffffffff</Data>")

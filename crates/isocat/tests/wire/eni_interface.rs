@@ -10,9 +10,11 @@
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::MutexGuard;
 
 use serde_json::Value;
+
+use crate::alone::alone;
 
 const ISOCAT: &str = env!("CARGO_BIN_EXE_isocat");
 /// Slow, for a machine that has other things to do.
@@ -59,15 +61,13 @@ struct Service {
     child: Child,
     name: &'static str,
     output: BufReader<ChildStdout>,
-    /// Two runs at a time would disturb each other.
     _alone: MutexGuard<'static, ()>,
 }
 
 impl Service {
     /// `None`, with a word, where namespaces can't be had.
     fn start(name: &'static str, segment: &str) -> Option<Self> {
-        static ALONE: Mutex<()> = Mutex::new(());
-        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+        let alone = alone();
         let probe = format!("{name}-probe");
         let made = Command::new("ip").args(["netns", "add", &probe]).output();
         let permitted = made.is_ok_and(|output| output.status.success());

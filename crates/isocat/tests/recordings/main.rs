@@ -1,4 +1,4 @@
-//! What is kept of a run and read again: captures, traces, series, pages, and diagnoses of captures.
+//! What is kept of a run and read again: captures, traces, series, pages, diagnoses of captures.
 
 mod capture;
 mod diagnose;

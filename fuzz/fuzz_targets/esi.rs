@@ -2,7 +2,7 @@
 //! tests.
 #![no_main]
 
-#[path = "../../crates/isocat/tests/checking/mod.rs"]
+#[path = "../../crates/isocat/tests/descriptions/checking/mod.rs"]
 #[allow(dead_code, reason = "each target tries one door")]
 mod checking;
 

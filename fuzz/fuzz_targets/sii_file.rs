@@ -1,7 +1,7 @@
 //! Reads an EEPROM file of arbitrary bytes. The checks are those of the command's own tests.
 #![no_main]
 
-#[path = "../../crates/isocat/tests/checking/mod.rs"]
+#[path = "../../crates/isocat/tests/descriptions/checking/mod.rs"]
 #[allow(dead_code, reason = "each target tries one door")]
 mod checking;
 

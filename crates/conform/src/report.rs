@@ -5,6 +5,7 @@ use std::fmt::Write;
 use isocat_descriptions::columns::{WIDTH, wrap};
 use isocat_descriptions::markup::escaped;
 use isocat_segment::profile::Deviation;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -17,13 +18,14 @@ use super::rules::{Check, Rule};
 pub const FORMAT: &str = "isocat-conformance-report/2";
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<ConformanceReport>(FORMAT)
 }
 
 /// The whole document.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ConformanceReport {
     /// [`FORMAT`].
     pub format: &'static str,
@@ -38,8 +40,8 @@ pub struct ConformanceReport {
 }
 
 /// One SubDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DeviceReport {
     /// Its name.
     pub name: String,
@@ -67,9 +69,10 @@ pub struct DeviceReport {
 
 /// What the suite examined. A failure of a simulated device is first a failure of the simulation:
 /// of its profile or description, or of what was assumed where these say nothing.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
-#[schemars(inline)]
+#[cfg_attr(feature = "schema", schemars(inline))]
 pub enum Examined {
     /// The device that answers on a real interface.
     Interface,
@@ -98,8 +101,8 @@ impl Examined {
 }
 
 /// A mode that a SubDevice announces.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ModeResult {
     /// Its name.
     pub name: &'static str,
@@ -115,9 +118,10 @@ impl ModeResult {
 }
 
 /// The result of a rule.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
-#[schemars(inline)]
+#[cfg_attr(feature = "schema", schemars(inline))]
 pub enum Verdict {
     /// The rule holds.
     Pass,
@@ -146,8 +150,8 @@ impl Verdict {
 }
 
 /// A rule and its result.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct RuleResult {
     /// Its name.
     pub id: &'static str,

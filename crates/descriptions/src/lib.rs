@@ -17,6 +17,7 @@ pub mod esi;
 pub mod limits;
 pub mod markup;
 pub mod quantity;
+#[cfg(feature = "schema")]
 pub mod schema;
 pub mod sii;
 pub mod start_up;

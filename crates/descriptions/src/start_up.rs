@@ -17,6 +17,7 @@ use isocat_wire::dc::AssignActivate;
 use isocat_wire::register::{self, Register, Value};
 use isocat_wire::soe::Idn;
 use isocat_wire::time::Nanos;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
@@ -24,8 +25,8 @@ use serde::{Serialize, Serializer};
 pub const FORMAT: &str = "isocat-start-up/3";
 
 /// The whole list. All times are nanoseconds unless their name says otherwise.
-#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct StartUp {
     /// Name of the segment.
     pub name: String,
@@ -48,26 +49,26 @@ pub struct StartUp {
 }
 
 /// One SubDevice's part.
-#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DeviceStartUp {
     /// Its name.
     pub name: String,
     /// Station address that is assigned to it (register 0x0010).
     #[serde(serialize_with = "hex16")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub station: u16,
     /// Vendor id (SII word 0x08).
     #[serde(serialize_with = "hex32")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub vendor: u32,
     /// Product code (SII word 0x0A).
     #[serde(serialize_with = "hex32")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub product: u32,
     /// Revision (SII word 0x0C).
     #[serde(serialize_with = "hex32")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub revision: u32,
     /// Serial number (SII word 0x0E); 0 for any.
     pub serial: u32,
@@ -97,20 +98,20 @@ pub struct DeviceStartUp {
 }
 
 /// The parent SubDevice in the tree, and its port.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Parent {
     /// Station address.
     #[serde(serialize_with = "hex16")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub station: u16,
     /// Port, 1..=3; 0 if a cable is swapped.
     pub port: u8,
 }
 
 /// The mailbox of a SubDevice.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Mailbox {
     /// From the MainDevice to the SubDevice, SM0.
     pub out: Area,
@@ -123,20 +124,20 @@ pub struct Mailbox {
 }
 
 /// An area of an ESC's memory.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Area {
     /// First byte.
     #[serde(serialize_with = "hex16")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub start: u16,
     /// Bytes.
     pub length: u16,
 }
 
 /// A SyncManager of the process data.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ProcessSyncManager {
     /// Its number, 0..=15.
     pub number: u8,
@@ -144,7 +145,7 @@ pub struct ProcessSyncManager {
     pub outputs: bool,
     /// First byte.
     #[serde(serialize_with = "hex16")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub start: u16,
     /// Control byte (register 0x0804 + 8 n).
     pub control: u8,
@@ -155,8 +156,8 @@ pub struct ProcessSyncManager {
 }
 
 /// Bits of the process image.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ImageBits {
     /// First bit.
     pub start: u32,
@@ -166,8 +167,8 @@ pub struct ImageBits {
 
 /// The DC part of a SubDevice. The value for 0x0980 is in the register steps:
 /// [`DeviceStartUp::assign_activate`].
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Dc {
     /// Whether it is the reference clock.
     pub reference: bool,
@@ -181,20 +182,20 @@ pub struct Dc {
 }
 
 /// One access to a register, in some transitions.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct RegisterStep {
     /// Its transitions; at least one.
     pub transitions: Vec<Transition>,
     /// The datagram's command.
     #[serde(serialize_with = "display")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub command: Command,
     /// The datagram's address.
     pub address: Address,
     /// The bytes to write, in wire order. For a read, zeros of the length to read.
     #[serde(serialize_with = "hex_bytes")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub data: Vec<u8>,
     /// Whether it needs a separate frame or cycle.
     pub own: Own,
@@ -211,23 +212,24 @@ pub struct RegisterStep {
 }
 
 /// The expected result of a read.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Check {
     /// The expected bytes.
     #[serde(serialize_with = "hex_bytes")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub data: Vec<u8>,
     /// The bits that are compared, as many bytes as `data`; null for all.
     #[serde(serialize_with = "optional_hex_bytes")]
-    #[schemars(with = "Option<String>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub mask: Option<Vec<u8>>,
     /// Time limit of repeated reads.
     pub patience_ms: u32,
 }
 
 /// Whether a datagram may share its frame or its cycle.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Own {
     /// It may share both.
@@ -240,20 +242,20 @@ pub enum Own {
 }
 
 /// One SDO download, in some transitions.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ObjectStep {
     /// Its transitions; at least one.
     pub transitions: Vec<Transition>,
     /// The entry; with complete access its sub-index is 0 or 1.
     #[serde(serialize_with = "display")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub object: ObjectAddress,
     /// Whether it uses complete access.
     pub complete: bool,
     /// The value, little-endian.
     #[serde(serialize_with = "hex_bytes")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub data: Vec<u8>,
     /// Time limit of the answer; 0 for the MainDevice's default.
     pub patience_ms: u32,
@@ -262,8 +264,8 @@ pub struct ObjectStep {
 }
 
 /// One parameter of a drive that SoE writes, in some transitions.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ParameterStep {
     /// Its transitions; at least one.
     pub transitions: Vec<Transition>,
@@ -271,11 +273,11 @@ pub struct ParameterStep {
     pub drive: u8,
     /// The parameter, such as S-0-0032.
     #[serde(serialize_with = "display")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub idn: Idn,
     /// The value, little-endian; a list begins with its lengths.
     #[serde(serialize_with = "hex_bytes")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub data: Vec<u8>,
     /// Time limit of the answer; 0 for the MainDevice's default.
     pub patience_ms: u32,
@@ -284,8 +286,8 @@ pub struct ParameterStep {
 }
 
 /// One frame of a cycle.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct CyclicFrame {
     /// It is sent in every n-th bus cycle, 1 or more. With DC, in those whose number (system time
     /// divided by the bus cycle) is a multiple of this.
@@ -295,12 +297,12 @@ pub struct CyclicFrame {
 }
 
 /// One datagram of a cyclic frame.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct CyclicDatagram {
     /// Its command.
     #[serde(serialize_with = "display")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub command: Command,
     /// Its address.
     pub address: Address,
@@ -308,7 +310,7 @@ pub struct CyclicDatagram {
     pub length: u16,
     /// States of the MainDevice in which it is sent.
     #[serde(serialize_with = "states")]
-    #[schemars(with = "Vec<String>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Vec<String>"))]
     pub states: Vec<AlState>,
     /// Expected working counter; null if it does not matter.
     pub working_counter: Option<u16>,
@@ -321,24 +323,25 @@ pub struct CyclicDatagram {
 }
 
 /// The address of a datagram.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Address {
     /// Memory of an ESC.
     Physical {
         /// Station address, auto-increment address, or 0 for a broadcast.
         #[serde(serialize_with = "hex16")]
-        #[schemars(with = "String")]
+        #[cfg_attr(feature = "schema", schemars(with = "String"))]
         device: u16,
         /// First byte.
         #[serde(serialize_with = "hex16")]
-        #[schemars(with = "String")]
+        #[cfg_attr(feature = "schema", schemars(with = "String"))]
         register: u16,
     },
     /// The process image, by FMMUs.
     Logical(
         #[serde(serialize_with = "hex32")]
-        #[schemars(with = "String")]
+        #[cfg_attr(feature = "schema", schemars(with = "String"))]
         u32,
     ),
 }
@@ -614,6 +617,7 @@ impl Serialize for Transition {
     }
 }
 
+#[cfg(feature = "schema")]
 impl JsonSchema for Transition {
     fn schema_name() -> std::borrow::Cow<'static, str> {
         "Transition".into()

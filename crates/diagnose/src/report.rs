@@ -23,6 +23,7 @@ pub use document::*;
 pub const FORMAT: &str = "isocat-diagnose/1";
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<DiagnoseReport>(FORMAT)
 }

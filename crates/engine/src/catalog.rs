@@ -2,6 +2,7 @@
 
 use isocat_descriptions::esi::{Direction, EsiDevice, EsiFile, EsiModule, EsiSlots, Warning};
 use isocat_segment::profile::Profile;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -9,13 +10,14 @@ use serde::Serialize;
 pub const FORMAT: u32 = 1;
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<Catalog>(&format!("isocat-devices/{FORMAT}"))
 }
 
 /// The content of an ESI file.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Catalog {
     /// Version of this document: 1.
     pub format: u32,
@@ -36,8 +38,8 @@ pub struct Catalog {
 }
 
 /// A device.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Device {
     /// Type: key `type` of a segment file.
     #[serde(rename = "type")]
@@ -62,8 +64,8 @@ pub struct Device {
 }
 
 /// An OpMode.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct OpMode {
     /// Name.
     pub name: String,
@@ -76,8 +78,8 @@ pub struct OpMode {
 }
 
 /// A slot: one place for a module, or several.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Slot {
     /// Name.
     pub name: String,
@@ -96,8 +98,8 @@ pub struct Slot {
 }
 
 /// A module.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Module {
     /// Ident.
     pub ident: u32,
@@ -119,8 +121,8 @@ pub struct Module {
 }
 
 /// A warning: something doubtful in the file.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Doubt {
     /// Its fixed name.
     pub kind: String,

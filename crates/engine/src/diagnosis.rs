@@ -18,6 +18,7 @@ use isocat_sync::explain::al_codes;
 use isocat_sync::{Moment, SyncSignal};
 use isocat_wire::AlStatusCode;
 use isocat_wire::time::{Nanos, Picos};
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -27,8 +28,8 @@ use crate::recording::{Recorded, RecordedDevice, Recording};
 use crate::{Report, watched};
 
 /// A fault of one SubDevice or of the segment.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Diagnosis {
     /// The SubDevice; `None` for the segment.
     pub position: Option<usize>,

@@ -37,7 +37,9 @@ pub use guess::Told;
 pub use kind::Kind;
 use ledger::Ledger;
 use parts::pairs;
-pub use report::{DeviceReport, Difference, FORMAT, KindReport, ReplayReport, schema};
+#[cfg(feature = "schema")]
+pub use report::schema;
+pub use report::{DeviceReport, Difference, FORMAT, KindReport, ReplayReport};
 
 /// Why a capture cannot be replayed.
 #[derive(Clone, PartialEq, Eq, Debug)]

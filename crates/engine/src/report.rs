@@ -33,25 +33,29 @@ use isocat_sync::SyncMode;
 use isocat_wire::AlState;
 pub use note::NoteKind;
 pub use op_mode::OpMode;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 pub use services::ServiceNote;
 pub(crate) use text::{BAD, GOOD, QUIET};
 
 use crate::diagnosis::Diagnosis;
-use typed::{KindDocument, StateRead};
+#[cfg(feature = "schema")]
+use typed::KindDocument;
+use typed::StateRead;
 
 /// Version of the document; it changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-run-report/8";
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<Report>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds unless their name says otherwise.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Report {
     /// [`FORMAT`].
     pub format: &'static str,
@@ -107,8 +111,8 @@ impl Report {
 }
 
 /// Something worth knowing, in plans and scans.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Note {
     /// Position of the SubDevice; null for the segment.
     pub position: Option<usize>,
@@ -116,15 +120,15 @@ pub struct Note {
     pub device: Option<String>,
     /// Short name of the kind, for programs.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub kind: NoteKind,
     /// Description, with the figures.
     pub what: String,
 }
 
 /// Something that keeps the segment from being in sync.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Finding {
     /// Position of the SubDevice; null for the segment.
     pub position: Option<usize>,
@@ -132,7 +136,7 @@ pub struct Finding {
     pub device: Option<String>,
     /// Stage of the way up at which it happened; null in operation.
     #[serde(serialize_with = "typed::some_text")]
-    #[schemars(with = "Option<String>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub stage: Option<Stage>,
     /// Its time from the beginning of the judged time; null if it exists from that beginning.
     pub since_ns: Option<i64>,
@@ -140,13 +144,13 @@ pub struct Finding {
     pub what: String,
     /// Description for programs.
     #[serde(flatten, serialize_with = "typed::kind")]
-    #[schemars(with = "KindDocument")]
+    #[cfg_attr(feature = "schema", schemars(with = "KindDocument"))]
     pub kind: Kind,
 }
 
 /// The cable that closes a ring: it leads to the secondary port of the MainDevice.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Ring {
     /// Position of the SubDevice at its other end.
     pub position: usize,
@@ -164,8 +168,8 @@ impl Ring {
 }
 
 /// Figures of the segment.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Segment {
     /// The cable that closes a ring; null if the segment hangs on one port.
     pub ring: Option<Ring>,
@@ -181,8 +185,8 @@ pub struct Segment {
 }
 
 /// The segment in true time.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SegmentTrueTime {
     /// Time from power-on until all SubDevices were in OP and SYNC0 was on its grid; null if that
     /// never happened.
@@ -195,8 +199,8 @@ pub struct SegmentTrueTime {
 }
 
 /// The segment as seen by the MainDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SegmentMainDevice {
     /// Position of the SubDevice whose clock leads; null without clocks.
     pub reference: Option<usize>,
@@ -225,8 +229,8 @@ pub struct SegmentMainDevice {
 }
 
 /// Figures of the plan for the segment.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SegmentPlan {
     /// Phase of the frame in the system-time cycle.
     pub send_phase_ns: i64,
@@ -237,8 +241,8 @@ pub struct SegmentPlan {
 }
 
 /// Figures of one SubDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Device {
     /// Place in processing order, from 0.
     pub position: usize,
@@ -250,7 +254,7 @@ pub struct Device {
     pub line: usize,
     /// Synchronization mode: free-run, sm, dc-sync0.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub mode: SyncMode,
     /// The OpMode of its description; null for a device without.
     pub op_mode: Option<OpMode>,
@@ -278,8 +282,8 @@ impl Device {
 }
 
 /// One SubDevice in true time.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DeviceTrueTime {
     /// The constant deviation of its oscillator.
     pub clock: Oscillator,
@@ -312,13 +316,13 @@ pub struct DeviceTrueTime {
     pub highest_missed_counter: u16,
     /// State at the end of the judged time.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub state: AlState,
 }
 
 /// Deviation of a simulated oscillator.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Oscillator {
     /// Frequency deviation from true time, parts per billion (positive: faster).
     pub deviation_ppb: i64,
@@ -328,12 +332,12 @@ pub struct Oscillator {
 }
 
 /// One SubDevice according to its registers and objects.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DeviceRegisters {
     /// AL status, 0x0130.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub al_status: StateRead,
     /// AL status code, 0x0134.
     pub al_status_code: u16,
@@ -361,8 +365,8 @@ pub struct DeviceRegisters {
 }
 
 /// Sub-indices 0B, 0C, 0D and 20; null if the SubDevice does not have them.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Counters {
     /// 0B.
     pub sm_event_missed: Option<u32>,
@@ -375,8 +379,8 @@ pub struct Counters {
 }
 
 /// A series of spans in ns, rounded to the picosecond.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Span {
     /// Values.
     pub count: u64,
@@ -391,8 +395,8 @@ pub struct Span {
 }
 
 /// A series of errors in ns whose ideal value is zero, rounded to the picosecond.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Spread {
     /// Values.
     pub count: u64,
@@ -417,8 +421,8 @@ impl Spread {
 }
 
 /// One line of a SubDevice's timing budget.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct PlanLine {
     /// The object that states the demand.
     pub object: String,
@@ -433,8 +437,8 @@ pub struct PlanLine {
 }
 
 /// A value that a device's maker does not publish, or a doubt about its ESI file.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Assumption {
     /// Object or key.
     pub item: String,
@@ -444,7 +448,7 @@ pub struct Assumption {
     pub why: String,
     /// Name of the doubt, if it is one about the description.
     #[serde(skip)]
-    #[schemars(skip)]
+    #[cfg_attr(feature = "schema", schemars(skip))]
     pub doubt: Option<&'static str>,
 }
 

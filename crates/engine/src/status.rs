@@ -14,6 +14,7 @@ use std::borrow::Cow;
 
 use isocat_sync::phase;
 use isocat_wire::AlState;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -37,7 +38,8 @@ pub use verdict::{Verdict, place};
 pub type Words = Cow<'static, str>;
 
 /// The present state of a segment.
-#[derive(Clone, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Status {
     /// Format of this document.
@@ -50,7 +52,7 @@ pub struct Status {
     pub kind: Kind,
     /// Stage of its way up, "in operation", or "ended".
     #[serde(with = "names::stage")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub stage: Stage,
     /// Why it ended or does not come up.
     pub failure: Option<String>,
@@ -73,9 +75,10 @@ pub struct Status {
 }
 
 /// The kind of a segment.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "lowercase")]
-#[schemars(inline)]
+#[cfg_attr(feature = "schema", schemars(inline))]
 pub enum Kind {
     /// A simulation with its MainDevice: true time is known.
     Simulated,
@@ -113,7 +116,8 @@ impl Kind {
 }
 
 /// The MainDevice's side. Of a served segment only `frames_sent` and `frames_lost` are known.
-#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Host {
     /// Lateness of the cycle's frames at the reference clock against their phase, negative if
@@ -125,7 +129,7 @@ pub struct Host {
     /// State of the servo on the reference clock `[m]`: "free", "acquiring", "locked", "holdover";
     /// empty without clocks.
     #[serde(with = "names::servo")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub servo: Option<phase::State>,
     /// How much faster the reference clock runs than the host's, ppm `[m]`.
     pub rate_ppm: Option<f64>,
@@ -147,7 +151,8 @@ pub struct Host {
 }
 
 /// One SubDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Device {
     /// Place in processing order, from 0.
@@ -164,7 +169,7 @@ pub struct Device {
     pub asked: bool,
     /// AL state `[r]` (0x0130): INIT, PREOP, BOOT, SAFEOP, OP; "unknown" for any other value.
     #[serde(with = "names::al_state")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub al_state: Option<AlState>,
     /// Error flag of the AL status `[r]`.
     pub al_error: bool,
@@ -191,7 +196,8 @@ pub struct Device {
 }
 
 /// Errors of a SubDevice's SYNC.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Error {
     /// The last one, ns.
@@ -205,7 +211,8 @@ pub struct Error {
 }
 
 /// Time left before SYNC0.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Margin {
     /// The least recent value, ns.
@@ -215,7 +222,8 @@ pub struct Margin {
 }
 
 /// A counter of 0x1C32 or 0x1C33.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Counter {
     /// Last value; null if it is not read.
@@ -225,12 +233,13 @@ pub struct Counter {
 }
 
 /// An event of a SubDevice's cycle, counted from the begin of the bus cycle.
-#[derive(Clone, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Moment {
     /// The event.
     #[serde(with = "names::moment")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub event: isocat_sync::Moment,
     /// Earliest time in the plan, ns.
     pub earliest_ns: i64,
@@ -241,7 +250,8 @@ pub struct Moment {
 }
 
 /// An event of the segment or of a SubDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Event {
     /// Time, like `at_ns`.
@@ -333,6 +343,7 @@ impl Device {
 }
 
 /// The schema of a status.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<Status>(&format!("isocat-status/{FORMAT}"))
 }

@@ -20,7 +20,6 @@ pub mod serve;
 pub mod sweep;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use serde::Serialize;
 
 use crate::picture;
 
@@ -92,9 +91,4 @@ impl Page {
         }
         .into_string()
     }
-}
-
-/// A report as JSON without blanks, for a page.
-fn compact(report: &impl Serialize) -> String {
-    serde_json::to_string(report).expect("a report has no map keys that JSON lacks")
 }

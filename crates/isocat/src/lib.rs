@@ -30,6 +30,7 @@
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod html;
+pub mod json;
 #[cfg(feature = "cli")]
 mod metrics;
 pub mod picture;

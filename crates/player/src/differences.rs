@@ -17,12 +17,13 @@ use isocat_sync::object::{
 };
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
 /// One difference.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Difference {
     /// Position of the device; null: the difference is about the segment.
     pub position: Option<usize>,
@@ -41,7 +42,8 @@ pub struct Difference {
 }
 
 /// The kind of a difference.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
     /// The reference clock.

@@ -6,6 +6,7 @@ use isocat_descriptions::start_up::{Area, DeviceStartUp, StartUp};
 use isocat_engine::report::scan::ScanReport;
 use isocat_maindevice::segment::{Segment, SubDevice};
 use isocat_wire::sii::MailboxArea;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -13,13 +14,14 @@ use serde::Serialize;
 pub const FORMAT: &str = "isocat-eni-scan/1";
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<FoundReport>(FORMAT)
 }
 
 /// A scan, compared with an ENI.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct FoundReport {
     /// [`FORMAT`].
     pub format: &'static str,
@@ -36,8 +38,8 @@ pub struct FoundReport {
 }
 
 /// A difference between the wire and the ENI.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Mismatch {
     /// What differs.
     pub kind: Kind,
@@ -54,7 +56,8 @@ pub struct Mismatch {
 }
 
 /// The kind of a difference.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
     /// The ENI names a SubDevice that does not answer.

@@ -9,6 +9,7 @@ use isocat_engine::report::interface::InterfaceReport;
 use isocat_engine::verdict::Answer;
 use isocat_serve::Summary;
 use isocat_serve::summary::Outcome;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -23,13 +24,14 @@ use crate::virtual_segment::VirtualSegment;
 pub const FORMAT: &str = "isocat-eni-run/2";
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<Report>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Report {
     /// [`FORMAT`].
     pub format: &'static str,
@@ -52,8 +54,8 @@ pub struct Report {
 }
 
 /// A device.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DeviceReport {
     /// Position.
     pub position: usize,
@@ -69,8 +71,8 @@ pub struct DeviceReport {
 }
 
 /// A doubtful place in the file.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Doubt {
     /// A fixed name.
     pub kind: &'static str,
@@ -81,8 +83,8 @@ pub struct Doubt {
 }
 
 /// The result of a run.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct RunReport {
     /// Whether all devices reached OP, each working counter was as the list expects, and there is
     /// no finding against any device.
@@ -111,8 +113,8 @@ pub struct RunReport {
 }
 
 /// Why a run ended early.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct FailureReport {
     /// A fixed name.
     pub kind: &'static str,
@@ -128,8 +130,8 @@ pub struct FailureReport {
 }
 
 /// The measured values of a clock.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ClockReport {
     /// Propagation delay (0x0928).
     pub delay_ns: i64,
@@ -144,8 +146,8 @@ pub struct ClockReport {
 }
 
 /// An object that was not written.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct UnknownObject {
     /// Position of the device.
     pub position: usize,

@@ -3,7 +3,7 @@
 //! The MainDevice and each SubDevice are processes with tracks below them. Events are written as
 //! they are reported, which is in the order of time only for each SubDevice; readers sort them.
 
-pub mod schema;
+mod schema;
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -19,7 +19,6 @@ use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::phase::State as Servo;
 use isocat_wire::time::{Time, True};
 use isocat_wire::{AlState, ObjectAddress, datagram, frame};
-use prost::Message;
 use schema::{
     CounterDescriptor, ProcessDescriptor, TracePacket, TrackDescriptor, TrackEvent, Type,
 };
@@ -157,8 +156,8 @@ impl<W: Write> Trace<W> {
         self.describe(TrackDescriptor {
             uuid: Some(uuid(process, None)),
             process: Some(ProcessDescriptor {
-                pid: Some(process as i32 + 1),
-                process_name: Some(name.to_owned()),
+                pid: process as i32 + 1,
+                process_name: name.to_owned(),
             }),
             child_ordering: Some(schema::EXPLICIT),
             ..TrackDescriptor::default()
@@ -171,7 +170,7 @@ impl<W: Write> Trace<W> {
             uuid: Some(uuid(process, Some(track))),
             parent_uuid: Some(uuid(process, None)),
             name: Some(name.to_owned()),
-            counter: unit.map(|unit| CounterDescriptor { unit_name: Some(unit.to_owned()) }),
+            counter: unit.map(|unit| CounterDescriptor { unit_name: unit.to_owned() }),
             sibling_order_rank: Some(track as i32),
             ..TrackDescriptor::default()
         });
@@ -217,7 +216,7 @@ impl<W: Write> Trace<W> {
             timestamp: Some(at.as_nanos()),
             trusted_packet_sequence_id: Some(process as u32 + 1),
             track_event: Some(TrackEvent {
-                r#type: Some(kind.into()),
+                r#type: Some(kind),
                 track_uuid: Some(uuid(process, Some(track))),
                 ..rest
             }),
@@ -232,8 +231,7 @@ impl<W: Write> Trace<W> {
             return;
         }
         self.bytes.clear();
-        let message = schema::Trace { packet: vec![packet] };
-        message.encode(&mut self.bytes).expect("a Vec takes everything");
+        schema::packet(&packet, &mut self.bytes);
         self.failed = self.output.write_all(&self.bytes).err();
     }
 

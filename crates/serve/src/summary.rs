@@ -1,6 +1,8 @@
 //! The record of a service as one document, for users and for programs.
 
-use isocat_engine::report::typed::{self, KindDocument};
+use isocat_engine::report::typed;
+#[cfg(feature = "schema")]
+use isocat_engine::report::typed::KindDocument;
 use isocat_engine::report::words::{self, time};
 use isocat_engine::report::{self, Span, Spread, span, spread};
 use isocat_engine::verdict::Answer;
@@ -9,6 +11,7 @@ use isocat_sim::{Finding, Kind};
 use isocat_sync::object::OUTPUT_PARAMETER;
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos, Time, True};
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -21,14 +24,15 @@ use super::verdict::{Judged, JudgedDevice};
 pub const FORMAT: &str = "isocat-serve-summary/6";
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<Summary>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds; points of time count from the start of the
 /// service.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Summary {
     /// Version of the format: [`FORMAT`].
     pub format: &'static str,
@@ -61,8 +65,8 @@ pub struct Summary {
 }
 
 /// An expectation of the segment file, judged in true time.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Expected {
     /// The key of the segment file.
     pub key: String,
@@ -86,8 +90,8 @@ pub enum Outcome {
 }
 
 /// An injected fault.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Injected {
     /// The instant.
     pub at_ns: i64,
@@ -96,8 +100,8 @@ pub struct Injected {
 }
 
 /// One MainDevice, from its first frame to its last.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SessionSummary {
     /// Instant of the first frame.
     pub began_ns: i64,
@@ -129,8 +133,8 @@ pub struct SessionSummary {
 }
 
 /// A step of a MainDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Step {
     /// Time of the first occurrence, from the session's first frame.
     pub after_ns: i64,
@@ -141,8 +145,8 @@ pub struct Step {
 }
 
 /// A SubDevice that did not reach a requested state, or left a state by itself.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Refusal {
     /// Time from the session's first frame.
     pub after_ns: i64,
@@ -159,8 +163,8 @@ pub struct Refusal {
 }
 
 /// The rhythm of the cyclic exchange, by the kernel's arrival stamps.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Cycle {
     /// Time from one cycle to the next.
     pub interval: Span,
@@ -174,8 +178,8 @@ pub struct Cycle {
 }
 
 /// The judges' results.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct JudgedSummary {
     /// Whether no SubDevice has a finding, in this stretch of operation and in the earlier ones.
     pub in_sync: bool,
@@ -194,8 +198,8 @@ pub struct JudgedSummary {
 }
 
 /// A stretch of operation.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Stretch {
     /// How long the stretch was judged.
     pub judged_ns: i64,
@@ -206,8 +210,8 @@ pub struct Stretch {
 }
 
 /// A finding for programs.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct FindingKind {
     /// Position of the SubDevice; null if it concerns the segment.
     pub position: Option<usize>,
@@ -216,13 +220,13 @@ pub struct FindingKind {
     pub since_ns: Option<i64>,
     /// The kind.
     #[serde(flatten, serialize_with = "typed::kind")]
-    #[schemars(with = "KindDocument")]
+    #[cfg_attr(feature = "schema", schemars(with = "KindDocument"))]
     pub kind: Kind,
 }
 
 /// One SubDevice as the judges saw it, in the segment's own true time.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DeviceSummary {
     /// Position in processing order, from 0.
     pub position: usize,

@@ -1,6 +1,7 @@
 //! The content of an SII file, as one JSON document.
 
 use isocat_wire::sii::{Header, MailboxArea, SmRecord};
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -10,13 +11,14 @@ use super::{Doubt, SiiFile, SiiOpMode, SiiPdo};
 pub const FORMAT: u32 = 1;
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     crate::schema::of::<Report>(&format!("isocat-sii/{FORMAT}"))
 }
 
 /// The content of an SII, with the doubts about it.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Report {
     /// Version of this document: 1.
     pub format: u32,
@@ -81,8 +83,8 @@ pub struct Report {
 }
 
 /// A mailbox.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Mailbox {
     /// First byte of the mailbox from the MainDevice.
     pub receive_start: u16,
@@ -95,8 +97,8 @@ pub struct Mailbox {
 }
 
 /// A SyncManager.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SyncManager {
     /// Its purpose: mailbox-out, mailbox-in, outputs, inputs, unused, or the number.
     pub purpose: String,
@@ -115,8 +117,8 @@ pub struct SyncManager {
 }
 
 /// A PDO.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Pdo {
     /// Index of its mapping object.
     pub index: u16,
@@ -133,8 +135,8 @@ pub struct Pdo {
 }
 
 /// An entry of a PDO.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Entry {
     /// Index, 0 for padding.
     pub index: u16,
@@ -149,8 +151,8 @@ pub struct Entry {
 }
 
 /// An OpMode.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct OpMode {
     /// Name.
     pub name: String,
@@ -171,8 +173,8 @@ pub struct OpMode {
 }
 
 /// A category that is kept unchanged.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Category {
     /// Its type.
     pub kind: u16,
@@ -181,8 +183,8 @@ pub struct Category {
 }
 
 /// A doubt about the image.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DoubtReport {
     /// Its fixed name.
     pub kind: &'static str,

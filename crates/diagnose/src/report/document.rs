@@ -1,13 +1,14 @@
 //! The document of a diagnosis, without the parts of single devices.
 
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::device::DeviceReport;
 
 /// The whole document.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DiagnoseReport {
     /// Name and number of this format.
     pub format: &'static str,
@@ -38,8 +39,8 @@ pub struct DiagnoseReport {
 }
 
 /// The conclusion of a diagnosis.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Verdict {
     /// The conclusion in one word.
     pub kind: VerdictKind,
@@ -48,7 +49,8 @@ pub struct Verdict {
 }
 
 /// The conclusion of a diagnosis in one word.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum VerdictKind {
     /// In operation, frames came before their SYNC0, and no fault was found.
@@ -60,8 +62,8 @@ pub enum VerdictKind {
 }
 
 /// One capture.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct CaptureReport {
     /// Its name, as the user gave it.
     pub name: String,
@@ -78,8 +80,8 @@ pub struct CaptureReport {
 }
 
 /// The frames of all captures.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct FramesReport {
     /// Requests with their answers.
     pub pairs: usize,
@@ -104,8 +106,8 @@ pub struct FramesReport {
 }
 
 /// Frames of one source address.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SourceReport {
     /// The address, without the bit that the first SubDevice sets.
     pub address: String,
@@ -116,8 +118,8 @@ pub struct SourceReport {
 }
 
 /// How a capture saw the segment.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct TapReport {
     /// Which frames it saw.
     pub seen: SeenKind,
@@ -133,7 +135,8 @@ pub struct TapReport {
 }
 
 /// Which frames a capture saw.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum SeenKind {
     /// Both directions.
@@ -145,8 +148,8 @@ pub enum SeenKind {
 }
 
 /// A frame of a capture, as Wireshark numbers it.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct FrameRef {
     /// Place of the capture in the list, from 0.
     pub capture: usize,
@@ -155,8 +158,8 @@ pub struct FrameRef {
 }
 
 /// A value, and the frame that shows it.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Shown<T> {
     /// The value.
     pub value: T,
@@ -166,8 +169,8 @@ pub struct Shown<T> {
 }
 
 /// One finding.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct FindingReport {
     /// Its kind; docs/diagnose.md lists all kinds.
     pub kind: &'static str,
@@ -191,8 +194,8 @@ pub struct FindingReport {
 }
 
 /// What happened in the frames around the first fault.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct AroundReport {
     /// Place of the fault in `findings`.
     pub finding: usize,
@@ -202,8 +205,8 @@ pub struct AroundReport {
 }
 
 /// A frame that went out and came back, and the following frames that say the same.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct MomentReport {
     /// The frame on its way out; null: it is not in the capture.
     pub request: Option<FrameRef>,
@@ -222,7 +225,8 @@ pub struct MomentReport {
 }
 
 /// How much a finding weighs.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum WeightKind {
     /// Something went wrong.
@@ -234,7 +238,8 @@ pub enum WeightKind {
 }
 
 /// How sure a finding is.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum SureKind {
     /// The frames prove it.
@@ -244,8 +249,8 @@ pub enum SureKind {
 }
 
 /// The number of SubDevices that frames passed from some frame on.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ReachReport {
     /// Number of SubDevices.
     pub subdevices: u16,
@@ -255,8 +260,8 @@ pub struct ReachReport {
 }
 
 /// The drift frames.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ClockReport {
     /// FRMW or ARMW.
     pub command: &'static str,
@@ -280,8 +285,8 @@ pub struct ClockReport {
 }
 
 /// The cyclic exchange.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct CycleReport {
     /// The frame from which on the segment is in operation; null: no state of operation was seen.
     pub operation: Option<FrameRef>,
@@ -295,8 +300,8 @@ pub struct CycleReport {
 }
 
 /// From one cycle to the next, ns.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct RhythmReport {
     /// Number of intervals.
     pub count: u64,
@@ -313,8 +318,8 @@ pub struct RhythmReport {
 }
 
 /// A logical datagram.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct TransmissionReport {
     /// LRD, LWR or LRW.
     pub command: &'static str,

@@ -7,6 +7,7 @@ use isocat_descriptions::document::FileError;
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -21,13 +22,14 @@ pub const FORMAT: &str = "isocat-plan-cycles/1";
 pub const MOST: usize = 32;
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<Cycles>(FORMAT)
 }
 
 /// A segment at several bus cycles. All times are nanoseconds.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Cycles {
     /// [`FORMAT`].
     pub format: &'static str,
@@ -40,8 +42,8 @@ pub struct Cycles {
 }
 
 /// The segment at one bus cycle.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct AtCycle {
     /// Bus cycle.
     pub cycle_ns: i64,
@@ -57,8 +59,8 @@ pub struct AtCycle {
 }
 
 /// A SubDevice at one bus cycle.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DeviceAt {
     /// Place in processing order, from 0.
     pub position: usize,
@@ -68,7 +70,7 @@ pub struct DeviceAt {
     pub profile: String,
     /// Synchronization mode.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub mode: SyncMode,
     /// Why not a higher mode; empty if this is the one asked for or the highest.
     pub mode_reason: String,

@@ -3,6 +3,7 @@
 
 use isocat_sync::SyncMode;
 use isocat_sync::budget::Check;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -14,13 +15,14 @@ use crate::report::{OpMode, Ring, typed};
 pub const FORMAT: &str = "isocat-plan/3";
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<PlanReport>(FORMAT)
 }
 
 /// The whole document.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct PlanReport {
     /// [`FORMAT`].
     pub format: &'static str,
@@ -53,8 +55,8 @@ pub struct PlanReport {
 }
 
 /// Figures of the segment.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Segment {
     /// Bus cycle.
     pub cycle_ns: i64,
@@ -81,8 +83,8 @@ pub struct Segment {
 }
 
 /// A frame of the cycle. Times count from the first bit of the first one, in the fullest cycle.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Frame {
     /// It is sent in the bus cycles whose number (system time divided by the bus cycle) is a
     /// multiple of this.
@@ -100,8 +102,8 @@ pub struct Frame {
 }
 
 /// A datagram of a frame.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Datagram {
     /// Command, in its usual letters.
     pub command: String,
@@ -119,8 +121,8 @@ pub struct Datagram {
 }
 
 /// A SubDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Device {
     /// Place in processing order, from 0.
     pub position: usize,
@@ -132,7 +134,7 @@ pub struct Device {
     pub description: Vec<Doubt>,
     /// Synchronization mode.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub mode: SyncMode,
     /// The OpMode of its description; null for a device without.
     pub op_mode: Option<OpMode>,
@@ -176,8 +178,8 @@ impl Device {
 }
 
 /// Something that could be read in more than one way, and how it was read.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Doubt {
     /// Its fixed name, for programs: `revision`, `opmode`, `sync-off` …
     pub kind: String,
@@ -193,12 +195,12 @@ impl From<&isocat_segment::profile::Doubt> for Doubt {
 
 /// An event of the cycle in which the frame is sent, in the reference clock's time from the begin
 /// of that bus cycle.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Moment {
     /// The event.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub event: isocat_sync::Moment,
     /// Earliest time.
     pub earliest_ns: i64,
@@ -209,8 +211,8 @@ pub struct Moment {
 }
 
 /// Times of an event in a run, in true time.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Seen {
     /// Number of occurrences.
     pub count: u64,
@@ -221,12 +223,12 @@ pub struct Seen {
 }
 
 /// One line of the budget.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Line {
     /// Short name of the demand, for programs.
     #[serde(serialize_with = "typed::check")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub check: Check,
     /// The object that states it; null if none does.
     pub object: Option<String>,
@@ -249,8 +251,8 @@ pub struct Line {
 }
 
 /// One figure of a line, with its sign.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Term {
     /// Name of the figure.
     pub what: &'static str,
@@ -262,8 +264,8 @@ pub struct Term {
 }
 
 /// The worst case of one line in a run, in true time.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Measured {
     /// Number of observations.
     pub count: u64,
@@ -276,8 +278,8 @@ pub struct Measured {
 }
 
 /// Suggested changes.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Suggestion {
     /// Whether a line fails at this phase too, and so at any phase: then the phase is not the
     /// reason.
@@ -305,8 +307,8 @@ pub struct Suggestion {
 }
 
 /// The cycle of a SubDevice that is slower than the bus.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct OwnCycle {
     /// Place in processing order, from 0.
     pub position: usize,
@@ -315,8 +317,8 @@ pub struct OwnCycle {
 }
 
 /// Cycles that were tried: multiples of a step within a range, which the OpModes may narrow.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct TriedCycles {
     /// Every one is a multiple of this.
     pub step_ns: i64,
@@ -327,8 +329,8 @@ pub struct TriedCycles {
 }
 
 /// Results of a run.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ProofSummary {
     /// Seed of all randomness.
     pub seed: u64,

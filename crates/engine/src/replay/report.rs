@@ -5,6 +5,7 @@ use std::fmt::{self, Write};
 
 use isocat_captures::reading::Reading;
 use isocat_descriptions::columns::{WIDTH, wrap};
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -21,13 +22,14 @@ use crate::report::{BAD, GOOD, QUIET};
 pub const FORMAT: &str = "isocat-replay/1";
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<ReplayReport>(FORMAT)
 }
 
 /// The whole document.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ReplayReport {
     /// [`FORMAT`].
     pub format: &'static str,
@@ -72,8 +74,8 @@ pub struct ReplayReport {
 }
 
 /// A SubDevice as it was modelled.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DeviceReport {
     /// Place in processing order, from 0.
     pub position: usize,
@@ -97,8 +99,8 @@ pub struct DeviceReport {
 }
 
 /// A kind of difference.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct KindReport {
     /// Its name.
     pub kind: &'static str,
@@ -111,8 +113,8 @@ pub struct KindReport {
 }
 
 /// One difference.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Difference {
     /// Number of the answer in the file.
     pub frame: usize,

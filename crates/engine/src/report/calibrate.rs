@@ -8,6 +8,7 @@ mod profile;
 mod text;
 
 pub use profile::NoFragment;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -15,13 +16,14 @@ use serde::Serialize;
 pub const FORMAT: &str = "isocat-calibration/2";
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<CalibrationReport>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds unless their name says otherwise.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct CalibrationReport {
     /// [`FORMAT`].
     pub format: &'static str,
@@ -55,8 +57,8 @@ pub struct CalibrationReport {
 }
 
 /// A figure, its error, and its origin.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Figure {
     /// The figure.
     pub value: f64,
@@ -67,8 +69,8 @@ pub struct Figure {
 }
 
 /// One device.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Device {
     /// Its position.
     pub position: usize,
@@ -102,7 +104,8 @@ pub struct Device {
 }
 
 /// Distributed clocks of a device.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ClockKind {
     /// It is the reference clock.
@@ -116,8 +119,8 @@ pub enum ClockKind {
 }
 
 /// The result for a drift loop's law.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Law {
     /// `told`, `not-told-apart` or `none-fits`.
     pub verdict: LawVerdict,
@@ -134,7 +137,8 @@ pub struct Law {
 }
 
 /// The verdict on a law.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum LawVerdict {
     /// One law fits, the others do not.
@@ -146,8 +150,8 @@ pub enum LawVerdict {
 }
 
 /// The fit of a law.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Fit {
     /// Its name.
     pub name: &'static str,
@@ -162,8 +166,8 @@ pub struct Fit {
 }
 
 /// Statistics of repeated readings.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Spread {
     /// Mean.
     pub mean: f64,
@@ -182,8 +186,8 @@ pub struct Spread {
 }
 
 /// The jitter of frames between two clocks.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Jitter {
     /// Position of the clock above.
     pub above: usize,
@@ -197,8 +201,8 @@ pub struct Jitter {
 }
 
 /// The hop to a device.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Hop {
     /// Position of the device above; null for the first, or if the open ports do not form a tree.
     pub above: Option<usize>,
@@ -215,8 +219,8 @@ pub struct Hop {
 }
 
 /// A change of state.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct StateChange {
     /// Duration; null if the state was not reached.
     pub took: Option<Spread>,

@@ -7,14 +7,15 @@ use isocat_sim::expect::{Expectation, Found, Judgement};
 use isocat_sim::fault::{Moment, When};
 use isocat_sim::{Outcome, Tap};
 use isocat_wire::time::{Nanos, Picos, Time, True};
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::text::{BAD, GOOD};
 
 /// An injected fault that began or ended.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct FaultNote {
     /// Time from the beginning of the judged time, negative on the way up; from power-on if the
     /// judged time never began.
@@ -26,8 +27,8 @@ pub struct FaultNote {
 }
 
 /// An expectation of the run.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Expected {
     /// The key of the segment file.
     pub key: String,

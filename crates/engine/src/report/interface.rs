@@ -12,6 +12,7 @@ use std::fmt;
 
 pub use build::Asked;
 use isocat_sync::SyncMode;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -26,13 +27,14 @@ use crate::verdict::Answer;
 pub const FORMAT: &str = "isocat-interface-report/6";
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<InterfaceReport>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds of host time unless their name says otherwise.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct InterfaceReport {
     /// [`FORMAT`].
     pub format: &'static str,
@@ -49,7 +51,7 @@ pub struct InterfaceReport {
     /// The result of all that is known of the time in operation: in-sync; except, if there are
     /// findings; not-known, if there are none and an entry of `unknown` decides.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub answer: Answer,
     /// One sentence for people.
     pub verdict: String,
@@ -66,7 +68,7 @@ pub struct InterfaceReport {
     pub services: Vec<ServiceNote>,
     /// The reason for the end of the run: time, signal, bring-up, silence, interface.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub ended_by: EndedBy,
     /// Bus cycle.
     pub cycle_ns: i64,
@@ -90,8 +92,8 @@ pub struct InterfaceReport {
 }
 
 /// Something that is not known.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Unknown {
     /// Position of the SubDevice; null for the segment.
     pub position: Option<usize>,
@@ -105,7 +107,7 @@ pub struct Unknown {
     /// Short name of the kind, for programs. docs/verdict.md describes each.
     pub kind: &'static str,
     /// The figures of the kind by name; times are nanoseconds.
-    #[schemars(schema_with = "typed::figures")]
+    #[cfg_attr(feature = "schema", schemars(schema_with = "typed::figures"))]
     pub figures: BTreeMap<String, FigureDocument>,
 }
 
@@ -137,8 +139,8 @@ impl fmt::Display for EndedBy {
 }
 
 /// The machine that the MainDevice runs on.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Machine {
     /// Real-time settings that were granted.
     pub granted: Vec<String>,
@@ -151,8 +153,8 @@ pub struct Machine {
 }
 
 /// A setting of the machine that harms a real-time loop.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Harm {
     /// The setting.
     pub what: String,
@@ -163,8 +165,8 @@ pub struct Harm {
 }
 
 /// Punctuality of the machine in operation.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Punctuality {
     /// Time when the first frame of a cycle was handed to the kernel, less its due time; null
     /// without cycles.
@@ -193,8 +195,8 @@ pub struct Punctuality {
 }
 
 /// A series of spans with its distribution.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Series {
     /// Count, mean, deviation, least and largest.
     pub span: Span,
@@ -207,8 +209,8 @@ pub struct Series {
 }
 
 /// Values of a series of about one size.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Bucket {
     /// Upper limit of its values, which exceed the limit of the bucket before; null for the rest.
     pub up_to_ns: Option<i64>,
@@ -217,8 +219,8 @@ pub struct Bucket {
 }
 
 /// Figures of one SubDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct InterfaceDevice {
     /// Place in processing order, from 0.
     pub position: usize,
@@ -234,7 +236,7 @@ pub struct InterfaceDevice {
     pub serial: u32,
     /// Synchronization mode: free-run, sm, dc-sync0.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub mode: SyncMode,
     /// Why no higher mode is used; empty if this is the requested or the highest one.
     pub mode_reason: String,

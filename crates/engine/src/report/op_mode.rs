@@ -4,14 +4,15 @@ use std::fmt::{self, Write};
 
 use isocat_descriptions::columns::{WIDTH, wrap};
 use isocat_segment::segment_file::SubDevice;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fold::positions;
 
 /// An OpMode (ESI, `Dc/OpMode`).
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct OpMode {
     /// Its name in the description.
     pub name: String,

@@ -8,14 +8,15 @@ use isocat_sim::judge::plant::{PlantJudge, Spread};
 use isocat_sim::plant::Control;
 use isocat_sim::{Outcome, Tap};
 use isocat_wire::time::{Nanos, Time, True};
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::QUIET;
 
 /// The machines of a run.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Plants {
     /// Each machine.
     pub each: Vec<Plant>,
@@ -28,8 +29,8 @@ pub struct Plants {
 
 /// A machine, compared with one that gets the same commands on the grid. Distances are those of the
 /// load.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Plant {
     /// Position of the SubDevice that moves it.
     pub position: usize,
@@ -62,8 +63,8 @@ pub struct Plant {
 }
 
 /// Size of a figure that varies.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Size {
     /// Largest value without its sign.
     pub largest: f64,

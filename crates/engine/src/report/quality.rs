@@ -8,6 +8,7 @@ use isocat_maindevice::quality::{Background, ClockQuality, EntryQuality, Margin,
 use isocat_maindevice::{MainDevice, QualityWatch};
 use isocat_sync::object::{OUTPUT_PARAMETER, sub};
 use isocat_wire::time::Nanos;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -15,8 +16,8 @@ use super::text::{MOST_DEVICES, QUIET};
 
 /// Results of the background reads: registers and objects were read from the SubDevices, the rest
 /// was counted or measured by the MainDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Quality {
     /// Share of the wire that the reads may use, permille.
     pub share_asked_permille: u16,
@@ -36,8 +37,8 @@ pub struct Quality {
 }
 
 /// One SubDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DeviceQuality {
     /// Place in processing order, from 0.
     pub position: usize,
@@ -54,8 +55,8 @@ pub struct DeviceQuality {
 }
 
 /// One clock against the reference.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ClockFigures {
     /// Number of kept readings, from which the other figures are.
     pub readings: usize,
@@ -73,8 +74,8 @@ pub struct ClockFigures {
 }
 
 /// Time left before SYNC0 once outputs are ready, from the times that the device states.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct MarginFigures {
     /// For a frame in time.
     pub planned_ns: i64,
@@ -83,8 +84,8 @@ pub struct MarginFigures {
 }
 
 /// One entry of a sync object.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct EntryFigures {
     /// The entry, such as 0x1C32:0B.
     pub object: String,
@@ -97,8 +98,8 @@ pub struct EntryFigures {
 }
 
 /// An alarm that was raised or cleared.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct AlarmLine {
     /// Time from the beginning of the judged time.
     pub since_ns: i64,

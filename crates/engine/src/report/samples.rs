@@ -4,6 +4,7 @@ use std::fmt::{self, Write};
 
 use isocat_descriptions::columns::cut;
 use isocat_sim::judge;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -12,8 +13,8 @@ use super::text::MOST_DEVICES;
 use super::{Device, Span};
 
 /// The samples of one SubDevice in one direction, in true time.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Samples {
     /// Samples of a whole set, as its description has them: one at each SYNC0 of a cycle.
     pub in_set: u16,

@@ -14,6 +14,7 @@ mod text;
 
 pub use build::Place;
 pub use esc::{PortKind, protocol};
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -24,13 +25,14 @@ use super::typed;
 pub const FORMAT: &str = "isocat-scan/1";
 
 /// JSON schema of the document, draft 2020-12.
+#[cfg(feature = "schema")]
 pub fn schema() -> serde_json::Value {
     isocat_descriptions::schema::of::<ScanReport>(FORMAT)
 }
 
 /// The whole document. All times are nanoseconds unless their name says otherwise.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ScanReport {
     /// [`FORMAT`].
     pub format: &'static str,
@@ -65,8 +67,8 @@ pub struct ScanReport {
 }
 
 /// One SubDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Device {
     /// Place in processing order, from 0.
     pub position: usize,
@@ -121,8 +123,8 @@ pub struct Device {
 }
 
 /// An ESC by its registers.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Esc {
     /// Register 0x0000.
     pub kind: u8,
@@ -164,14 +166,14 @@ pub struct Esc {
 }
 
 /// One port of an ESC.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Port {
     /// Number, 0 to 3.
     pub port: usize,
     /// Kind by register 0x0007: none, not configured, EBUS, MII.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub kind: PortKind,
     /// Whether there is a physical link (0x0110).
     pub link: bool,
@@ -186,8 +188,8 @@ pub struct Port {
 }
 
 /// The propagation delay from the reference clock.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Delay {
     /// The measured delay; null if it was not measured, or cannot be known.
     pub ns: Option<f64>,
@@ -216,8 +218,8 @@ pub struct Delay {
 }
 
 /// A clock against the reference clock.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Clock {
     /// How much faster than the reference clock it runs while it is not led, by two latches of
     /// receive times; null without them.
@@ -236,8 +238,8 @@ pub struct Clock {
 }
 
 /// A SyncManager of the SII.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SyncManager {
     /// Its number.
     pub number: usize,
@@ -261,8 +263,8 @@ pub struct SyncManager {
 }
 
 /// A mailbox by the SII.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Mailbox {
     /// First byte of the area that the MainDevice writes.
     pub receive_start: u16,
@@ -279,8 +281,8 @@ pub struct Mailbox {
 }
 
 /// Process data of one direction.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ProcessData {
     /// Source of the assignment: objects or SII.
     pub source: String,
@@ -300,8 +302,8 @@ pub struct ProcessData {
 }
 
 /// The part of the process data that a further SyncManager guards.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Guarded {
     /// Its number.
     pub sync_manager: u8,
@@ -314,8 +316,8 @@ pub struct Guarded {
 }
 
 /// A PDO with its mapping.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Pdo {
     /// Index.
     pub index: u16,
@@ -326,8 +328,8 @@ pub struct Pdo {
 }
 
 /// An entry of a PDO.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct PdoEntry {
     /// Index; 0 for padding.
     pub index: u16,
@@ -338,8 +340,8 @@ pub struct PdoEntry {
 }
 
 /// Object 0x1C32 or 0x1C33.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SyncObject {
     /// Index.
     pub index: u16,
@@ -348,8 +350,8 @@ pub struct SyncObject {
 }
 
 /// A sub-index of a sync object.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SyncEntry {
     /// Sub-index.
     pub sub: u8,
@@ -366,8 +368,8 @@ pub struct SyncEntry {
 }
 
 /// A DC operation mode of the SII.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct OpMode {
     /// Word for 0x0980 and 0x0981.
     pub assign_activate: u16,
@@ -386,8 +388,8 @@ pub struct OpMode {
 }
 
 /// AL status and its code.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct State {
     /// Register 0x0130.
     pub al_status: String,

@@ -2,6 +2,7 @@
 
 use isocat_maindevice::Service;
 use isocat_maindevice::segment::SubDevice;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -9,8 +10,8 @@ use super::typed;
 
 /// An optional service that a SubDevice answered badly, and what was used instead; it does not
 /// count against the segment.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ServiceNote {
     /// Position of the SubDevice.
     pub position: usize,
@@ -18,7 +19,7 @@ pub struct ServiceNote {
     pub device: String,
     /// Short name of the service, for programs.
     #[serde(serialize_with = "typed::text")]
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub service: Service,
     /// The answer with its place, and what was used instead.
     pub what: String,

@@ -2,12 +2,13 @@
 
 use isocat_maindevice::OwnTimes;
 use isocat_wire::time::Nanos;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Times that a SubDevice measured on command of 0x1C32:08 and 0x1C33:08; null if it did not.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct MeasuredTimes {
     /// The longer one of 0x1C32:05 and 0x1C33:05.
     pub minimum_cycle_ns: Option<i64>,

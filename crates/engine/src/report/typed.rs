@@ -7,6 +7,7 @@ use isocat_maindevice::kind::{Figure, Figures};
 use isocat_sim::Kind;
 use isocat_sync::budget::Check;
 use isocat_wire::{AlState, AlStatus};
+#[cfg(feature = "schema")]
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Serialize, Serializer};
 
@@ -72,24 +73,26 @@ impl fmt::Display for StateRead {
 }
 
 /// A kind with its figures, in a document.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct KindDocument {
     /// Short name of the kind, for programs: it stays the same when the sentence changes.
     /// docs/findings.md describes each.
-    #[schemars(schema_with = "names")]
+    #[cfg_attr(feature = "schema", schemars(schema_with = "names"))]
     pub kind: &'static str,
     /// The figures of the kind by name; times are nanoseconds.
-    #[schemars(schema_with = "figures")]
+    #[cfg_attr(feature = "schema", schemars(schema_with = "figures"))]
     pub figures: BTreeMap<String, FigureDocument>,
 }
 
 /// The names of all kinds.
+#[cfg(feature = "schema")]
 fn names(_: &mut SchemaGenerator) -> Schema {
     let names: Vec<_> = Kind::descriptions().map(|kind| kind.name).collect();
     json_schema!({ "type": "string", "enum": names })
 }
 
+#[cfg(feature = "schema")]
 pub(super) fn figures(_: &mut SchemaGenerator) -> Schema {
     json_schema!({
         "type": "object",

@@ -322,8 +322,7 @@ fn record_again(scenario: &Scenario) -> (Recorded, Segment) {
 
 /// A report as one JSON document.
 pub fn json(report: &impl Serialize) -> String {
-    let text = serde_json::to_string_pretty(report);
-    text.expect("a report has no map keys that JSON lacks") + "\n"
+    crate::json::lines(report) + "\n"
 }
 
 /// Writes a report to the requested file, if any, in the format of its ending.

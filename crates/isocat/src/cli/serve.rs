@@ -208,12 +208,8 @@ impl Arguments {
 /// Writes all requested output; returns the exit code.
 fn finish(arguments: &Arguments, summary: &Summary, seed: u64) -> u8 {
     let json = |pretty| {
-        let text = if pretty {
-            serde_json::to_string_pretty(summary)
-        } else {
-            serde_json::to_string(summary)
-        };
-        text.expect("a summary has no map keys that JSON lacks") + "\n"
+        let text = if pretty { crate::json::lines(summary) } else { crate::json::compact(summary) };
+        text + "\n"
     };
     if let Some(path) = &arguments.report {
         let text = match path.extension().and_then(|extension| extension.to_str()) {

@@ -3,8 +3,9 @@
 use isocat_conform::report::{ConformanceReport, DeviceReport, RuleResult, Verdict};
 use maud::{Markup, html};
 
+use super::Page;
 use super::parts::{table, tile};
-use super::{Page, compact};
+use crate::json::compact;
 
 /// The page of a suite.
 pub fn page(report: &ConformanceReport, command: &str) -> Page {

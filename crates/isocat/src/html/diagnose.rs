@@ -9,8 +9,9 @@ use isocat_diagnose::report::{
 use isocat_engine::recording::series::Series;
 use maud::{Markup, html};
 
+use super::Page;
 use super::parts::{bad_tile, figure, notes, table, tile};
-use super::{Page, compact};
+use crate::json::compact;
 use crate::picture::series::Chart;
 use crate::picture::states::{self, Lane, State};
 

@@ -8,8 +8,9 @@ use isocat_sync::budget::Check;
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
+use super::Page;
 use super::parts::{counter_cells, figure, findings, notes, origins, range, slack, table, tile};
-use super::{Page, compact};
+use crate::json::compact;
 use crate::picture::bars::Histogram;
 use crate::picture::cycle::Cycle;
 

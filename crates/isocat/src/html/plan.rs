@@ -6,8 +6,9 @@ use isocat_engine::plan::report::{Device, Line, PlanReport, Term};
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
+use super::Page;
 use super::parts::{figure, note, notes, origin, slack, table, tile};
-use super::{Page, compact};
+use crate::json::compact;
 use crate::picture::cycle::Cycle;
 
 /// The page of a plan.

@@ -17,13 +17,14 @@ use isocat_sync::phase;
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
+use super::Page;
 use super::expected;
 use super::parts::{
     age_cell, bad_tile, counter_cells, error_cells, figure, findings, legend, notes, origin,
     origins, range as range_of, slack, table, tile,
 };
 use super::plant;
-use super::{Page, compact};
+use crate::json::compact;
 use crate::picture::Picture;
 use crate::picture::bars::Histogram;
 use crate::picture::cycle::{Cycle, events, ns};

@@ -5,9 +5,10 @@ use isocat_serve::summary::{JudgedSummary, SessionSummary, Summary};
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
+use super::Page;
 use super::expected;
 use super::parts::{error_cells, notes, origins, range, table};
-use super::{Page, compact};
+use crate::json::compact;
 use crate::picture::cycle::ns;
 
 /// The page of a program in virtual time: the same, and the results of the program, line by line.

@@ -1,5 +1,6 @@
 //! One device in the document.
 
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -7,8 +8,8 @@ use crate::measured::Grid;
 use crate::report::{FrameRef, Shown};
 
 /// What the capture shows of one device. Null or empty: the capture does not show it.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct DeviceReport {
     /// Its position in the segment, from 0.
     pub position: Option<u16>,
@@ -65,8 +66,8 @@ pub struct DeviceReport {
 }
 
 /// The identity of a device.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Identity {
     /// Vendor id.
     pub vendor: Option<Shown<u32>>,
@@ -81,8 +82,8 @@ pub struct Identity {
 }
 
 /// The EtherCAT SubDevice Controller.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Esc {
     /// Type (0x0000).
     pub kind: Option<Shown<u8>>,
@@ -103,8 +104,8 @@ pub struct Esc {
 }
 
 /// A time in which a device no longer answered.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SilenceReport {
     /// The first frame without its answer.
     #[serde(flatten)]
@@ -116,8 +117,8 @@ pub struct SilenceReport {
 }
 
 /// A status of a device.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct StateReport {
     /// AL status, as in `SAFEOP+ERR`. A device without a CPU copies the acknowledge bit of the
     /// request to the place of the error bit: that is no error.
@@ -138,8 +139,8 @@ pub struct StateReport {
 }
 
 /// A SyncManager.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SyncManagerReport {
     /// Number, from 0.
     pub number: usize,
@@ -157,8 +158,8 @@ pub struct SyncManagerReport {
 }
 
 /// A FMMU.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct FmmuReport {
     /// Number, from 0.
     pub number: usize,
@@ -178,8 +179,8 @@ pub struct FmmuReport {
 }
 
 /// The traffic of a mailbox.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct MailboxReport {
     /// Number of messages to the device and from it.
     pub messages: [u64; 2],
@@ -194,8 +195,8 @@ pub struct MailboxReport {
 }
 
 /// SDO transfers of one object that the device aborted with one code.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Aborts {
     /// The object, as `0x1C32:01`.
     pub object: String,
@@ -209,8 +210,8 @@ pub struct Aborts {
 }
 
 /// An entry of 0x1C32 or 0x1C33.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ObjectValue {
     /// As `0x1C32:01`.
     pub object: String,
@@ -230,8 +231,8 @@ pub struct ObjectValue {
 }
 
 /// One time that a SYNC unit was switched.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SyncSwitch {
     /// 0x0980 and 0x0981 as a word (AssignActivate).
     pub assign_activate: u16,
@@ -256,8 +257,8 @@ pub struct SyncSwitch {
 }
 
 /// From the end of cyclic frames at a device to its SYNC0, in the time of the reference clock.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Distance {
     /// Frames that were measured.
     pub frames: u64,
@@ -279,8 +280,8 @@ pub struct Distance {
 }
 
 /// An error counter.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct ErrorCounter {
     /// Its register.
     pub address: u16,

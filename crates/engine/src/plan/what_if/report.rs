@@ -2,14 +2,15 @@
 //! stated otherwise.
 
 use isocat_wire::AlState;
+#[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::report::typed;
 
 /// Effects on a segment when one cable or the power of one SubDevice fails for a time.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct WhatIf {
     /// Seed of all randomness.
     pub seed: u64,
@@ -30,9 +31,10 @@ pub struct WhatIf {
 }
 
 /// The kind of fault.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-#[schemars(inline)]
+#[cfg_attr(feature = "schema", schemars(inline))]
 pub enum Gone {
     /// The cable that leads to a SubDevice is pulled.
     Cable,
@@ -41,8 +43,8 @@ pub enum Gone {
 }
 
 /// One fault, which ends after a time.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Case {
     /// The kind of fault.
     pub what: Gone,
@@ -61,9 +63,10 @@ pub struct Case {
 }
 
 /// The clock that leads.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-#[schemars(inline)]
+#[cfg_attr(feature = "schema", schemars(inline))]
 pub enum Clocks {
     /// There are no clocks.
     None,
@@ -77,8 +80,8 @@ pub enum Clocks {
 }
 
 /// The effect on one SubDevice.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct Fate {
     /// Place in processing order, from 0.
     pub position: usize,
@@ -91,7 +94,7 @@ pub struct Fate {
     pub after_ns: Option<i64>,
     /// The state that it changed to by itself; null if it did not.
     #[serde(serialize_with = "typed::some_text")]
-    #[schemars(with = "Option<String>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub state: Option<AlState>,
     /// The reason, register 0x0134; null if it did not.
     pub code: Option<u16>,
@@ -112,9 +115,10 @@ pub struct Fate {
 }
 
 /// The outcome for a SubDevice.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-#[schemars(inline)]
+#[cfg_attr(feature = "schema", schemars(inline))]
 pub enum Outcome {
     /// It stays in OP and in sync, and exchanges process data.
     InSync,
@@ -148,9 +152,10 @@ impl Outcome {
 }
 
 /// Why a SubDevice is not in sync again by itself.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-#[schemars(inline)]
+#[cfg_attr(feature = "schema", schemars(inline))]
 pub enum NotBack {
     /// It answers, but is not brought back to OP: the key `recovery` is "never".
     RecoveryOff,

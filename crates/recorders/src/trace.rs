@@ -3,7 +3,7 @@
 //! The MainDevice and each SubDevice are processes with tracks below them. Events are written as
 //! they are reported, which is in the order of time only for each SubDevice; readers sort them.
 
-mod schema;
+pub mod schema;
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -19,6 +19,7 @@ use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::phase::State as Servo;
 use isocat_wire::time::{Time, True};
 use isocat_wire::{AlState, ObjectAddress, datagram, frame};
+use prost::Message;
 use schema::{
     CounterDescriptor, ProcessDescriptor, TracePacket, TrackDescriptor, TrackEvent, Type,
 };
@@ -156,8 +157,8 @@ impl<W: Write> Trace<W> {
         self.describe(TrackDescriptor {
             uuid: Some(uuid(process, None)),
             process: Some(ProcessDescriptor {
-                pid: process as i32 + 1,
-                process_name: name.to_owned(),
+                pid: Some(process as i32 + 1),
+                process_name: Some(name.to_owned()),
             }),
             child_ordering: Some(schema::EXPLICIT),
             ..TrackDescriptor::default()
@@ -170,7 +171,7 @@ impl<W: Write> Trace<W> {
             uuid: Some(uuid(process, Some(track))),
             parent_uuid: Some(uuid(process, None)),
             name: Some(name.to_owned()),
-            counter: unit.map(|unit| CounterDescriptor { unit_name: unit.to_owned() }),
+            counter: unit.map(|unit| CounterDescriptor { unit_name: Some(unit.to_owned()) }),
             sibling_order_rank: Some(track as i32),
             ..TrackDescriptor::default()
         });
@@ -216,7 +217,7 @@ impl<W: Write> Trace<W> {
             timestamp: Some(at.as_nanos()),
             trusted_packet_sequence_id: Some(process as u32 + 1),
             track_event: Some(TrackEvent {
-                r#type: Some(kind),
+                r#type: Some(kind.into()),
                 track_uuid: Some(uuid(process, Some(track))),
                 ..rest
             }),
@@ -231,7 +232,8 @@ impl<W: Write> Trace<W> {
             return;
         }
         self.bytes.clear();
-        schema::packet(&packet, &mut self.bytes);
+        let message = schema::Trace { packet: vec![packet] };
+        message.encode(&mut self.bytes).expect("a Vec takes everything");
         self.failed = self.output.write_all(&self.bytes).err();
     }
 

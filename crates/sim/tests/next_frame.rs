@@ -130,15 +130,14 @@ fn a_port_waits_for_a_frame() {
     }
 }
 
-/// Latches of a MainDevice during the cycle of a line whose first chip stamps the next frame:
-/// returns the number of latches, and the largest error of that chip's round trip, ns.
-fn latch_while_it_runs(chip: &'static Chip) -> (u64, i64) {
+/// Latches of a MainDevice `every` so often during the cycle of a line whose first chip stamps the
+/// next frame: returns the number of latches, and the largest error of that chip's round trip, ns.
+fn latch_while_it_runs(chip: &'static Chip, every: Nanos) -> (u64, i64) {
     let mut segment = line::connections(LINE);
     // The remaining error is the chip's.
     segment.iter_mut().for_each(|connection| connection.hop_jitter = false);
     segment[0].device.chip = *chip;
-    // It is not a multiple of the cycle, so that latches are due at any phase of it.
-    let watch = DelayWatch { every: Nanos(4_300_000), latches: 16, rewrite: false };
+    let watch = DelayWatch { every, latches: 16, rewrite: false };
     let world = line::world_of(segment, |config| config.delay_watch = Some(watch));
     let mut world = world.expect("the line comes up");
     let before = world.main().statistics();
@@ -172,8 +171,15 @@ fn a_main_device_latches_into_an_empty_segment() {
     static KNOWN: Chip = Chip { kind: ET1200.kind, stamps_next_frame: true, ..LAN9252 };
     static UNKNOWN: Chip = Chip { stamps_next_frame: true, ..LAN9252 };
     for (chip, errors) in [(&KNOWN, 0..=20), (&LAN9252, 0..=20), (&UNKNOWN, 10_000..=150_000)] {
-        let (latches, worst) = latch_while_it_runs(chip);
-        assert!((25..=45).contains(&latches), "{latches} latches");
+        // A latch ends with a cycle, so one that follows keeps its phase. These times are so far
+        // apart that some latches meet the frames of a cycle of 1.3 ms.
+        let all = (0..7).map(|step| {
+            let every = Nanos(4_300_000 + 200_000 * step);
+            let (latches, worst) = latch_while_it_runs(chip, every);
+            assert!((25..=45).contains(&latches), "{latches} latches");
+            worst
+        });
+        let worst = all.max().expect("seven of them");
         assert!(errors.contains(&worst), "{worst} ns, where {errors:?} are expected");
     }
 }

@@ -10,7 +10,7 @@
 # Callgrind has no vDSO, so a reading of the clock counts as a call of libc without the kernel's code. It slows the loop some
 # fifty times, hence the cycle of 4 ms; a few late cycles do no harm.
 #
-# Usage: [CYCLE=4ms] benches/live.sh [N...], default 1 10 100. Needs root, iproute2 and valgrind; some 30 s for each N.
+# Usage: [CYCLE=4ms] [JITTER=500us] benches/live.sh [N...], default 1 10 100. The jitter is below half a cycle. Needs root, iproute2 and valgrind; some 30 s for each N.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 [ "$(id -u)" = 0 ] || { echo "benches/live.sh makes a network namespace: run it as root" >&2; exit 77; }
@@ -20,7 +20,7 @@ done
 # With names: the parts are found by them. The code is that of a release.
 cargo build --profile bench --quiet -p isocat --bins
 isocat=${CARGO_TARGET_DIR:-target}/release/isocat
-cycle=${CYCLE:-4ms} short=2s long=10s
+cycle=${CYCLE:-4ms} jitter=${JITTER:-500us} short=2s long=10s
 ns=isctlive
 folder=$(mktemp -d)
 cleanup() {
@@ -53,7 +53,7 @@ each() { echo $((($2 - $1) / cycles)); }
 of() { each "$(part $short "$1")" "$(part $long "$1")"; }
 
 for n in ${*:-1 10 100}; do
-  printf 'cycle = "%s"\n[host]\njitter = "500us"\n[[subdevice]]\ndevice = "simple_io16"\ncount = %s\n' "$cycle" "$n" >"$folder/segment.toml"
+  printf 'cycle = "%s"\n[host]\njitter = "%s"\n[[subdevice]]\ndevice = "simple_io16"\ncount = %s\n' "$cycle" "$jitter" "$n" >"$folder/segment.toml"
   for duration in $short $long; do run $duration; done
   cycles=$(($(number $long cycles) - $(number $short cycles)))
   spin=$(of link::spin)

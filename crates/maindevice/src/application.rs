@@ -171,6 +171,11 @@ impl<'a> Cycle<'a> {
         self.main.outputs_mut(position)
     }
 
+    /// The outputs of all SubDevices, as they are in the process image.
+    pub(crate) fn image_mut(&mut self) -> &mut [u8] {
+        self.main.parts_mut().1.map_or(&mut [], |exchange| exchange.outputs_mut())
+    }
+
     /// The MainDevice, read only.
     pub fn main(&self) -> &MainDevice {
         self.main

@@ -172,8 +172,10 @@ impl Link {
 
     /// Reads `len` bytes of one SubDevice.
     pub fn fprd(&self, station: StationAddress, ado: u16, len: usize) -> Exchange {
-        let address = Address::Station(station, ado);
-        self.exchange(Command::Fprd, address, vec![0; len], Travel::default())
+        let (command, address) = (Command::Fprd, Address::Station(station, ado));
+        let travel = Travel { ahead: self.ahead, ..Travel::default() };
+        let slot = self.with(|shared| shared.port.enqueue_read(command, address, len, travel));
+        Exchange { link: self.clone(), slot, command, address }
     }
 
     /// Writes bytes to one SubDevice.
@@ -290,6 +292,15 @@ impl Exchange {
         let reply = self.reply().await?;
         counts(command, address, &reply, expected)?;
         Ok(reply)
+    }
+
+    /// The first bytes of the reply and when its frame was sent, if its working counter is
+    /// `expected`. It allocates nothing.
+    pub async fn bytes<const LEN: usize>(self, expected: u16) -> Option<(Time<Host>, [u8; LEN])> {
+        core::future::poll_fn(|_| {
+            self.link.with(|shared| shared.port.answer_with(self.slot, expected))
+        })
+        .await
     }
 
     /// Whether the working counter of its reply is `expected`.

@@ -29,7 +29,20 @@ const TURN: u64 = 1000;
 #[derive(Clone, Debug, Default)]
 pub struct Motion {
     axes: Vec<Axis>,
+    /// Positions of the drives.
+    drives: Vec<usize>,
+    /// Where the other outputs are.
+    counting: Vec<Run>,
     written: Written,
+}
+
+/// Outputs of one length, one after the other in the process image.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Run {
+    start: usize,
+    end: usize,
+    /// Bytes of each device.
+    each: usize,
 }
 
 /// One device of the segment.
@@ -97,24 +110,32 @@ impl Motion {
 impl Application for Motion {
     fn cycle(&mut self, cycle: &mut Cycle<'_>) {
         if self.axes.is_empty() {
-            self.axes = Self::find(cycle.main().segment(), &self.written);
+            let segment = cycle.main().segment();
+            self.axes = Self::find(segment, &self.written);
+            let is_drive = |at: &usize| matches!(self.axes[*at], Axis::Drive(_));
+            self.drives = (0..self.axes.len()).filter(is_drive).collect();
+            self.counting = Run::find(segment, &self.axes);
         }
         self.written.begin(cycle);
-        let grid = cycle.next_grid().filter(|_| !self.written.is_empty());
         let number = cycle.number();
         let ramp = core::array::from_fn(|at| (number as u8).wrapping_add(at as u8));
-        for mut device in cycle.devices() {
-            let Some(axis) = self.axes.get_mut(device.position()) else { continue };
-            match axis {
-                Axis::Drive(drive) => drive.cycle(&mut device, number),
-                Axis::Outputs => {
-                    count(device.outputs_mut(), &ramp);
-                }
-                Axis::Nothing => {}
+        let image = cycle.image_mut();
+        for run in &self.counting {
+            if let Some(outputs) = image.get_mut(run.start..run.end) {
+                count(outputs, run.each, &ramp);
             }
-            let Some(grid) = grid else { continue };
+        }
+        for &position in &self.drives {
+            if let (Axis::Drive(drive), Some(mut device)) =
+                (&mut self.axes[position], cycle.device(position))
+            {
+                drive.cycle(&mut device, number);
+            }
+        }
+        let Some(grid) = cycle.next_grid().filter(|_| !self.written.is_empty()) else { return };
+        for mut device in cycle.devices() {
             self.written.write(&mut device, grid);
-            if let Axis::Drive(drive) = axis {
+            if let Some(Axis::Drive(drive)) = self.axes.get_mut(device.position()) {
                 drive.commanded =
                     bytes_at(device.outputs_mut(), drive.target).map(i32::from_le_bytes);
             }
@@ -126,15 +147,42 @@ impl Application for Motion {
     }
 }
 
-/// Writes a count, each byte one more than the one before. `ramp` is its beginning: so many bytes
-/// at a time are one vector.
-fn count(outputs: &mut [u8], ramp: &[u8; 16]) {
-    for (at, bytes) in outputs.chunks_mut(ramp.len()).enumerate() {
+impl Run {
+    /// The outputs of all devices that are no drives.
+    fn find(segment: &Segment, axes: &[Axis]) -> Vec<Self> {
+        let outputs = segment.devices.iter().zip(axes).filter(|(_, axis)| **axis == Axis::Outputs);
+        let mut ranges: Vec<_> = outputs.map(|(device, _)| device.outputs.range()).collect();
+        ranges.sort_unstable_by_key(|range| range.start);
+        let mut runs: Vec<Self> = Vec::new();
+        for range in ranges {
+            match runs.last_mut() {
+                Some(run) if (run.end, run.each) == (range.start, range.len()) => {
+                    run.end = range.end;
+                }
+                _ => runs.push(Self { start: range.start, end: range.end, each: range.len() }),
+            }
+        }
+        runs
+    }
+}
+
+/// Writes a count into each `each` bytes, each byte one more than the one before. `ramp` is its
+/// beginning: so many bytes at a time are one vector.
+fn count(outputs: &mut [u8], each: usize, ramp: &[u8; 16]) {
+    let len = outputs.len();
+    let mut written = each.min(len);
+    for (at, bytes) in outputs[..written].chunks_mut(ramp.len()).enumerate() {
         let value = ramp.map(|value| value.wrapping_add((ramp.len() * at) as u8));
         match bytes.first_chunk_mut() {
             Some(bytes) => *bytes = value,
             None => bytes.copy_from_slice(&value[..bytes.len()]),
         }
+    }
+    // The other devices get the same: what is written is copied behind itself.
+    while (1..len).contains(&written) {
+        let more = written.min(len - written);
+        outputs.copy_within(..more, written);
+        written += more;
     }
 }
 
@@ -242,9 +290,19 @@ mod tests {
         let ramp = core::array::from_fn(|at| 250_u8.wrapping_add(at as u8));
         for len in [0, 1, 15, 16, 17, 40, 300] {
             let mut outputs = alloc::vec![0; len];
-            count(&mut outputs, &ramp);
+            count(&mut outputs, len, &ramp);
             let expected = (0..len).map(|at| (250 + at) as u8);
             assert!(outputs.into_iter().eq(expected), "{len}");
+        }
+    }
+
+    #[test]
+    fn a_count_for_each_of_many() {
+        for (each, devices) in [(1, 7), (2, 100), (16, 100), (17, 3), (300, 5)] {
+            let mut outputs = alloc::vec![0; each * devices];
+            count(&mut outputs, each, &core::array::from_fn(|at| at as u8));
+            let expected = (0..each * devices).map(|at| (at % each) as u8);
+            assert!(outputs.into_iter().eq(expected), "{each} {devices}");
         }
     }
 

@@ -106,6 +106,11 @@ impl Monitor {
         self.background.take_entry(wanted, now, answer, cost, admitted)
     }
 
+    /// Called when the state of a SubDevice in the segment has changed: the next look takes it.
+    pub fn states_changed(&mut self) {
+        self.record.stale = true;
+    }
+
     /// Ends a moment if it is time, and checks states; returns the alarms that come or end.
     pub fn look(
         &mut self,

@@ -66,18 +66,64 @@ pub struct Convergence {
     limits: Limits,
     readings: [(Time<Host>, Nanos); WINDOW],
     count: usize,
+    sums: Sums,
+}
+
+/// Sums over the readings in the window, for the line through them: each new reading comes in as
+/// the oldest one leaves.
+///
+/// Times count from the origin of the clock, so that squares and their sums may exceed the range;
+/// they wrap. The denominator and the numerator of the slope do not depend on the origin, so they
+/// are exact: they fit if times count from the oldest reading.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    x: i128,
+    y: i128,
+    xx: i128,
+    xy: i128,
+}
+
+impl Sums {
+    /// Adds a reading.
+    fn add(&mut self, (at, difference): (Time<Host>, Nanos)) {
+        let (x, y) = (i128::from(at.count()), i128::from(difference.0));
+        self.x += x;
+        self.y += y;
+        self.xx = self.xx.wrapping_add(x.wrapping_mul(x));
+        self.xy = self.xy.wrapping_add(x * y);
+    }
+
+    /// Removes one that was added.
+    fn remove(&mut self, (at, difference): (Time<Host>, Nanos)) {
+        let (x, y) = (i128::from(at.count()), i128::from(difference.0));
+        self.x -= x;
+        self.y -= y;
+        self.xx = self.xx.wrapping_sub(x.wrapping_mul(x));
+        self.xy = self.xy.wrapping_sub(x * y);
+    }
 }
 
 impl Convergence {
     /// No readings yet.
     pub fn new(limits: Limits) -> Self {
-        Self { limits, readings: [(Time::ZERO, Nanos::ZERO); WINDOW], count: 0 }
+        let readings = [(Time::ZERO, Nanos::ZERO); WINDOW];
+        Self { limits, readings, count: 0, sums: Sums::default() }
     }
 
     /// Adds one reading of the system time difference.
     pub fn sample(&mut self, at: Time<Host>, difference: Nanos) {
-        self.readings[self.count % WINDOW] = (at, difference);
+        let place = &mut self.readings[self.count % WINDOW];
+        // A place without a reading has added nothing: its time and difference are zero.
+        self.sums.remove(*place);
+        *place = (at, difference);
+        self.sums.add(*place);
         self.count += 1;
+    }
+
+    /// Slope over the window, ns per second, as in the verdict; `None` while there are too few
+    /// readings.
+    pub fn slope_ppb(&self) -> Option<i64> {
+        (self.count >= WINDOW).then(|| slope_ppb(self.line()))
     }
 
     /// Judges the window.
@@ -90,10 +136,13 @@ impl Convergence {
         let slope_ppb = slope_ppb(line);
         let Limits { difference, mean, slope_ppb: slope, noise } = self.limits;
         let difference = difference + self.limits.noise_allowed();
-        let slope = slope + self.noise_of(line.0);
+        let is_flat = || {
+            let size = slope_ppb.abs();
+            size <= slope || size <= slope + self.noise_of(line.0)
+        };
         // Four times the error of a mean of sixteen readings.
         let off = self.mean().abs() <= mean + noise;
-        if worst <= difference && off && slope_ppb.abs() <= slope {
+        if worst <= difference && off && is_flat() {
             Verdict::Converged { worst, slope_ppb }
         } else {
             Verdict::Converging { worst, slope_ppb }
@@ -129,18 +178,11 @@ impl Convergence {
 
     /// Denominator and numerator of the slope of the least-squares line through the window.
     fn line(&self) -> (i128, i128) {
-        let oldest = self.readings[self.count % WINDOW].0;
-        let x = |at: Time<Host>| i128::from((at - oldest).0);
         let n = WINDOW as i128;
-        let (mut sx, mut sy, mut sxx, mut sxy) = (0i128, 0i128, 0i128, 0i128);
-        for (at, difference) in self.readings {
-            let (x, y) = (x(at), i128::from(difference.0));
-            sx += x;
-            sy += y;
-            sxx += x * x;
-            sxy += x * y;
-        }
-        (n * sxx - sx * sx, n * sxy - sx * sy)
+        let Sums { x, y, xx, xy } = self.sums;
+        let slope =
+            |products: i128, other| n.wrapping_mul(products).wrapping_sub(x.wrapping_mul(other));
+        (slope(xx, x), slope(xy, y))
     }
 }
 
@@ -149,7 +191,12 @@ fn slope_ppb((denominator, numerator): (i128, i128)) -> i64 {
     if denominator == 0 {
         return 0;
     }
-    (numerator * 1_000_000_000 / denominator) as i64
+    let scaled = numerator * 1_000_000_000;
+    // A division of long numbers is dear, and a clock that stands still needs none.
+    if scaled.unsigned_abs() < denominator.unsigned_abs() {
+        return 0;
+    }
+    (scaled / denominator) as i64
 }
 
 impl Limits {
@@ -217,6 +264,42 @@ mod tests {
         assert!((5_400..5_430).contains(&line(0, 0).slope_noise_ppb()));
         assert!(matches!(line(0, 6).verdict(), Verdict::Converged { slope_ppb: 6_000, .. }));
         assert!(matches!(line(0, 7).verdict(), Verdict::Converging { slope_ppb: 7_000, .. }));
+    }
+
+    /// The running sums are those of the window, counted from its oldest reading, from any origin
+    /// of the clock on.
+    #[test]
+    fn the_line_is_that_of_the_window() {
+        let mut random = 0x2545_F491_4F6C_DD1D_u64;
+        let mut draw = |below: u64| {
+            random ^= random << 13;
+            random ^= random >> 7;
+            random ^= random << 17;
+            random % below
+        };
+        for origin in [0, 1 << 40, u64::MAX / 2] {
+            for most in [3, 1_000_000, 1 << 34] {
+                let mut convergence = Convergence::new(Limits::default());
+                let mut at = origin;
+                for count in 1..100 {
+                    at += draw(most);
+                    let difference = draw(1 << 32) as i64 - (1 << 31);
+                    convergence.sample(Time::new(at), Nanos(difference));
+                    if count < WINDOW {
+                        continue;
+                    }
+                    let oldest = convergence.readings[count % WINDOW].0;
+                    let points = convergence
+                        .readings
+                        .map(|(at, y)| (i128::from((at - oldest).0), i128::from(y.0)));
+                    let sum = |of: fn((i128, i128)) -> i128| points.into_iter().map(of).sum();
+                    let (sx, sy): (i128, i128) = (sum(|(x, _)| x), sum(|(_, y)| y));
+                    let (sxx, sxy): (i128, i128) = (sum(|(x, _)| x * x), sum(|(x, y)| x * y));
+                    let n = WINDOW as i128;
+                    assert_eq!(convergence.line(), (n * sxx - sx * sx, n * sxy - sx * sy));
+                }
+            }
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 use core::task::Poll;
 
 use isocat_wire::command::Command;
-use isocat_wire::datagram::{self, Address, Layouts};
+use isocat_wire::datagram::{Address, HEADER_LEN, Layouts, WKC_LEN};
 use isocat_wire::frame::{ETHERCAT_HEADER_LEN, ETHERNET_HEADER_LEN, FrameWriter};
 use isocat_wire::time::{Host, Nanos, Time};
 
@@ -36,6 +36,9 @@ const MOST_DOUBLINGS: u8 = 4;
 /// Longest wait of a datagram for an instant without any frame in flight. Other datagrams wait
 /// behind it.
 const QUIET_PATIENCE: Nanos = Nanos(100_000_000);
+
+/// Most bytes of memory that a free slot keeps for the next datagram: those of registers.
+const MOST_KEPT: usize = 16;
 
 /// The queue, the frames in flight and the waits.
 pub(crate) struct Port {
@@ -144,6 +147,33 @@ impl Port {
         data: Vec<u8>,
         travel: Travel,
     ) -> usize {
+        let at = self.free.pop();
+        self.enqueue_in(at, command, address, data, travel)
+    }
+
+    /// Queues a datagram that reads `len` bytes; it reuses the memory of an earlier one.
+    pub fn enqueue_read(
+        &mut self,
+        command: Command,
+        address: Address,
+        len: usize,
+        travel: Travel,
+    ) -> usize {
+        let at = self.free.pop();
+        let mut data = at.map_or(Vec::new(), |at| core::mem::take(&mut self.slots[at].data));
+        data.resize(len, 0);
+        self.enqueue_in(at, command, address, data, travel)
+    }
+
+    /// Queues a datagram in this free slot, or in a new one.
+    fn enqueue_in(
+        &mut self,
+        at: Option<usize>,
+        command: Command,
+        address: Address,
+        data: Vec<u8>,
+        travel: Travel,
+    ) -> usize {
         let slot = Slot {
             state: SlotState::Queued,
             command,
@@ -160,7 +190,7 @@ impl Port {
             ahead: travel.ahead,
             abandoned: false,
         };
-        let at = match self.free.pop() {
+        let at = match at {
             Some(at) => {
                 self.slots[at] = slot;
                 at
@@ -206,6 +236,23 @@ impl Port {
         }
     }
 
+    /// The same without the data's memory, for the first bytes of an answer with this working
+    /// counter; inner `None`: it is lost, another one, or too short.
+    pub fn answer_with<const LEN: usize>(
+        &self,
+        slot: usize,
+        expected: u16,
+    ) -> Poll<Option<(Time<Host>, [u8; LEN])>> {
+        let slot = &self.slots[slot];
+        match slot.state {
+            SlotState::Done if slot.wkc == expected => {
+                Poll::Ready(slot.data.first_chunk().map(|data| (slot.sent, *data)))
+            }
+            SlotState::Done | SlotState::Lost => Poll::Ready(None),
+            _ => Poll::Pending,
+        }
+    }
+
     /// Whether a wait until `due` is not over; the machine then wakes by `due`.
     pub fn waits_until(&mut self, due: Time<Host>) -> bool {
         if self.now < due {
@@ -236,7 +283,7 @@ impl Port {
         while let Some(&at) = self.queue.front() {
             let room = self.front_len();
             let slot = &mut self.slots[at];
-            let more = slot.data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
+            let more = slot.data.len() + HEADER_LEN + WKC_LEN;
             let first = slots.is_empty();
             if !first && !bound && (slot.alone || slot.quiet || len + room > most) {
                 break;
@@ -328,7 +375,7 @@ impl Port {
         let mut len = 0;
         for &at in &self.queue {
             let slot = &self.slots[at];
-            len += slot.data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
+            len += slot.data.len() + HEADER_LEN + WKC_LEN;
             if !slot.with_next {
                 break;
             }
@@ -348,14 +395,22 @@ impl Port {
         let mut flight = self.flights.swap_remove(at);
         let way = self.now - flight.sent;
         self.shortest_way = Some(self.shortest_way.map_or(way, |known| known.min(way)));
-        let mut layouts = Layouts::new();
+        // It belongs to them, so their datagrams follow each other with these lengths.
+        let mut rest = payload;
         for at in flight.slots.drain(..) {
-            let Some(Ok(layout)) = layouts.next(payload) else { break };
             let slot = &mut self.slots[at];
-            slot.data.copy_from_slice(&payload[layout.data()..layout.wkc()]);
-            slot.wkc = u16::from_le_bytes([payload[layout.wkc()], payload[layout.wkc() + 1]]);
+            let (Some((header, more)), len) = (rest.split_at_checked(HEADER_LEN), slot.data.len())
+            else {
+                break;
+            };
+            let Some((data, more)) = more.split_at_checked(len) else { break };
+            let Some((wkc, more)) = more.split_first_chunk() else { break };
+            rest = more;
+            slot.data.copy_from_slice(data);
+            slot.wkc = u16::from_le_bytes(*wkc);
             if slot.command.increments_position() {
-                slot.passed = layout.header.adp().wrapping_sub(slot.address.raw() as u16);
+                let adp = u16::from_le_bytes([header[2], header[3]]);
+                slot.passed = adp.wrapping_sub(slot.address.raw() as u16);
             }
             slot.state = SlotState::Done;
             if slot.abandoned {
@@ -518,8 +573,13 @@ impl Port {
     }
 
     fn put_back(&mut self, at: usize) {
-        self.slots[at].state = SlotState::Free;
-        self.slots[at].data = Vec::new();
+        let slot = &mut self.slots[at];
+        slot.state = SlotState::Free;
+        if slot.data.capacity() <= MOST_KEPT {
+            slot.data.clear();
+        } else {
+            slot.data = Vec::new();
+        }
         self.free.push(at);
     }
 }

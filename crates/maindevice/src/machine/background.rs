@@ -76,6 +76,12 @@ impl Kind {
             Kind::Read => Ends::Run,
         }
     }
+
+    /// Whether its procedures are started at once by the code that needs them, so that there is
+    /// nothing to do without one.
+    const fn starts_elsewhere(self) -> bool {
+        matches!(self, Self::Entry | Self::Read | Self::Readmit | Self::Recover | Self::Rewrite)
+    }
 }
 
 /// The procedures in addition to the cycle.
@@ -96,7 +102,9 @@ impl MainDevice {
                 return;
             }
             for kind in Kind::ALL {
-                machine.work_on(kind);
+                if machine.procedures.has(kind) || !kind.starts_elsewhere() {
+                    machine.work_on(kind);
+                }
             }
         });
     }
@@ -148,7 +156,7 @@ impl MainDevice {
             }
             // Entries of objects are read together with clocks.
             Kind::Clocks => self.quality.is_some() && self.has_quality_to_look_at(),
-            // These are started at once by the code that needs them.
+            // These start elsewhere.
             Kind::Entry | Kind::Read | Kind::Readmit | Kind::Recover | Kind::Rewrite => false,
         }
     }

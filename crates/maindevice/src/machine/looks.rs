@@ -58,6 +58,7 @@ impl MainDevice {
                     let device = &mut self.segment.devices[position];
                     if (device.al_status, device.al_code) != (status, code) {
                         (device.al_status, device.al_code) = (status, code);
+                        self.states_changed();
                         self.link.report(Event::StateChanged { position, status, code, cycle });
                     }
                     self.consider_recovery(position);

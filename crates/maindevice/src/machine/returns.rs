@@ -25,6 +25,7 @@ impl MainDevice {
         let device = &mut self.segment.devices[position];
         device.admitted = false;
         (device.al_status, device.al_code) = (AlStatus(0), AlStatusCode::NO_ERROR);
+        self.states_changed();
         if let Some(mailbox) = self.mailboxes.get_mut(position) {
             *mailbox = None;
         }
@@ -157,6 +158,7 @@ impl MainDevice {
                     let known = &mut self.segment.devices[position];
                     (known.al_status, known.al_code) = (device.al_status, device.al_code);
                     known.sync = device.sync;
+                    self.states_changed();
                     self.link.report(Event::Recovered { position, after });
                 }
                 Err(cause) => self.link.report(Event::NotRecovered { position, cause, again }),
@@ -231,6 +233,7 @@ impl MainDevice {
             Ok(one) => {
                 let (device, mailbox) = *one;
                 self.segment.devices[position] = crate::SubDevice { admitted: true, ..device };
+                self.states_changed();
                 if let Some(place) = self.mailboxes.get_mut(position) {
                     *place = mailbox;
                 }

@@ -53,6 +53,13 @@ impl MainDevice {
         monitor.is_due(self.shared().port.now, cycle.number())
     }
 
+    /// Called wherever the state of a SubDevice in the segment changes in operation.
+    pub(super) fn states_changed(&mut self) {
+        if let Some(monitor) = &mut self.quality {
+            monitor.states_changed();
+        }
+    }
+
     /// Takes the answer for the requested entry, and puts its mailbox back.
     pub(super) fn work_on_entry(&mut self) {
         let Some(ended) = self.procedures.go_on(Kind::Entry, &mut 0) else { return };

@@ -2,7 +2,7 @@
 
 use alloc::vec::Vec;
 
-use isocat_sync::drift::{Convergence, Limits, Verdict};
+use isocat_sync::drift::{Convergence, Limits};
 use isocat_wire::StationAddress;
 use isocat_wire::dc::{ActivationStatus, DifferencePolarity, SystemTimeDifference};
 use isocat_wire::register::{self, Value, features};
@@ -43,12 +43,16 @@ pub struct ClockQuality {
     /// What the sign of its 0x092C means.
     polarity: DifferencePolarity,
     readings: Ring<Reading>,
+    /// The largest absolute difference among them.
+    worst: Nanos,
     limits: Limits,
     convergence: Convergence,
     slope_ppb: Option<i64>,
     /// Whether no drift frame reaches it.
     pub(super) unled: bool,
     alarms: [Hysteresis; Alarm::OF_CLOCKS.len()],
+    /// Whether none of them is raised, nor has a bad reading behind it.
+    calm: bool,
 }
 
 impl ClockQuality {
@@ -58,13 +62,13 @@ impl ClockQuality {
     }
 
     /// The readings kept, oldest first.
-    pub fn readings(&self) -> impl Iterator<Item = Reading> + '_ {
+    pub fn readings(&self) -> impl DoubleEndedIterator<Item = Reading> + '_ {
         self.readings.iter()
     }
 
     /// The largest absolute value of 0x092C among them.
     pub fn worst(&self) -> Nanos {
-        self.readings().map(|reading| reading.difference.abs()).max().unwrap_or_default()
+        self.worst
     }
 
     /// Slope of the last sixteen differences, ns per second; 0 with fewer.
@@ -80,9 +84,8 @@ impl ClockQuality {
         if self.unled {
             return None;
         }
-        let mut readings = self.readings();
-        let first = readings.next()?.at;
-        let (last, count) = readings.fold((first, 1), |(_, n), reading| (reading.at, n + 1));
+        let (first, last) = (self.readings().next()?.at, self.last()?.at);
+        let count = self.readings.len() as i64;
         let between = (last - first).0 / (count - 1).max(1);
         let moved =
             (i128::from(between) * i128::from(self.slope_ppb().abs()) / NANOS_PER_SECOND) as i64;
@@ -104,11 +107,13 @@ impl ClockQuality {
             delay_bar: Nanos::ZERO,
             polarity: device.difference_polarity,
             readings: Ring::new(history),
+            worst: Nanos::ZERO,
             limits,
             convergence: Convergence::new(limits),
             slope_ppb: None,
             unled: false,
-            alarms: [Hysteresis::new(RAISE, LET_GO); Alarm::OF_CLOCKS.len()],
+            alarms: [CALM; Alarm::OF_CLOCKS.len()],
+            calm: true,
         };
         clock.meet(device);
         clock
@@ -132,11 +137,15 @@ impl ClockQuality {
     }
 
     fn take(&mut self, reading: Reading) {
-        self.readings.push(reading);
+        let size = reading.difference.abs();
+        let gone = self.readings.push(reading).map_or(Nanos::ZERO, |gone| gone.difference.abs());
+        self.worst = self.worst.max(size);
+        if gone == self.worst && size < gone {
+            let sizes = self.readings.iter().map(|reading| reading.difference.abs());
+            self.worst = sizes.max().unwrap_or_default();
+        }
         self.convergence.sample(reading.at, reading.difference);
-        if let Verdict::Converging { slope_ppb, .. } | Verdict::Converged { slope_ppb, .. } =
-            self.convergence.verdict()
-        {
+        if let Some(slope_ppb) = self.convergence.slope_ppb() {
             self.slope_ppb = Some(slope_ppb);
         }
     }
@@ -152,8 +161,17 @@ impl ClockQuality {
         // Above zero it leads away.
         let away = self.slope_ppb.map(|slope| slope.saturating_mul(difference.0.signum()));
         let pending = found.and_then(|found| found.activation).is_some_and(|a| a.sync0_pending());
-        let settled = Limits::default().slope_ppb + self.convergence.slope_noise_ppb();
         let (beyond, within) = (size > limit, size.0 <= limit.0 / 2);
+        let mut settled = Limits::default().slope_ppb;
+        // Nearly every reading is good, and changes nothing.
+        if self.calm && !beyond && slope.abs() <= settled && !pending && found.is_some() {
+            return Vec::new();
+        }
+        // The noise of slopes is dear to compute, and changes nothing with a clock that is settled
+        // without it.
+        if !within || slope.abs() > settled {
+            settled += self.convergence.slope_noise_ppb();
+        }
         let judged = [
             (Alarm::Difference, beyond, within),
             (
@@ -177,6 +195,7 @@ impl ClockQuality {
                 changes.push(Change { position, alarm, raised, found });
             }
         }
+        self.calm = self.alarms == [CALM; Alarm::OF_CLOCKS.len()];
         changes
     }
 }
@@ -243,8 +262,8 @@ impl Clocks {
         let count = self.all.len();
         let there = |at: &usize| !self.all[*at].awaited;
         let all = (0..count).map(|i| (self.turn + i) % count).filter(there).take(BATCH);
-        let wanted: Vec<Wanted> =
-            all.map(|at| (at, self.all[at].station, self.all[at].has_status)).collect();
+        let mut wanted = Vec::with_capacity(count.min(BATCH));
+        wanted.extend(all.map(|at| (at, self.all[at].station, self.all[at].has_status)));
         self.turn = wanted.last().map_or(0, |(at, ..)| at + 1);
         // As if each batch were one frame of its own.
         let lengths = |&(_, _, has_status): &Wanted| [Some(8), has_status.then_some(1)];
@@ -283,16 +302,13 @@ pub(crate) async fn read(link: Link, wanted: Vec<Wanted>) -> Vec<(usize, Option<
         .collect();
     let mut all = Vec::with_capacity(reads.len());
     for ((index, ..), (clock, status)) in wanted.into_iter().zip(reads) {
-        let clock = clock.expect(1).await.ok();
+        let clock = clock.bytes(1).await;
         let status = match status {
-            Some(status) => status.expect(1).await.ok(),
+            Some(status) => status.bytes(1).await,
             None => None,
         };
-        let activation = status.and_then(|reply| Some(ActivationStatus(*reply.data.first()?)));
-        let registers = clock.and_then(|reply| {
-            let bytes = *reply.data.first_chunk()?;
-            Some(Registers { at: reply.sent, bytes, activation })
-        });
+        let activation = status.map(|(_, [status])| ActivationStatus(status));
+        let registers = clock.map(|(at, bytes)| Registers { at, bytes, activation });
         all.push((index, registers));
     }
     all
@@ -317,6 +333,8 @@ fn correction_ppb(start: i64, change: i64) -> i64 {
     part(start - change + 2) - part(start + change + 2)
 }
 
+/// An alarm that is not raised.
+const CALM: Hysteresis = Hysteresis::new(RAISE, LET_GO);
 /// Number of clocks that are read together.
 const BATCH: usize = 8;
 /// A clock drifts if its slope exceeds that of a converged one by this factor.

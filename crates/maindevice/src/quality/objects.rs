@@ -147,6 +147,8 @@ impl ObjectQuality {
 pub(super) struct Objects {
     asked: bool,
     pub all: Vec<ObjectQuality>,
+    /// Whether any of them has an entry to read.
+    there: bool,
     turn: usize,
     pub pace: Pace,
 }
@@ -155,12 +157,20 @@ impl Objects {
     /// The objects of a segment; none without `asked`.
     pub fn new(asked: bool, devices: &[SubDevice], pace: Pace) -> Self {
         let all = devices.iter().map(|device| ObjectQuality::new(device, asked)).collect();
-        Self { asked, all, turn: 0, pace }
+        let mut objects = Self { asked, all, there: false, turn: 0, pace };
+        objects.take_stock();
+        objects
+    }
+
+    /// Notes whether any SubDevice has an entry to read, wherever entries come or go: a segment
+    /// without any is asked in each cycle.
+    fn take_stock(&mut self) {
+        self.there = self.all.iter().any(|device| !device.entries.is_empty());
     }
 
     /// Whether any SubDevice has an entry to read.
     pub fn are_there(&self) -> bool {
-        self.all.iter().any(|device| !device.entries.is_empty())
+        self.there
     }
 
     pub fn is_due(&self, now: Time<Host>) -> bool {
@@ -174,6 +184,7 @@ impl Objects {
         known.rests = Time::ZERO;
         if device.admitted && known.entries.is_empty() {
             known.entries = ObjectQuality::new(device, self.asked).entries;
+            self.take_stock();
         }
     }
 
@@ -205,7 +216,13 @@ impl Objects {
         now: Time<Host>,
         answer: &SdoResult,
     ) -> Vec<Change> {
-        self.all.get_mut(position).map_or(Vec::new(), |device| device.take(object, now, answer))
+        let Some(device) = self.all.get_mut(position) else { return Vec::new() };
+        let changes = device.take(object, now, answer);
+        // An entry that was refused is gone.
+        if device.entries.is_empty() {
+            self.take_stock();
+        }
+        changes
     }
 }
 
@@ -309,6 +326,7 @@ mod tests {
             device.output_sync = Some(object);
             objects.all.push(ObjectQuality::new(&device, true));
         }
+        objects.take_stock();
         objects
     }
 

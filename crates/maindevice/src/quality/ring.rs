@@ -18,13 +18,25 @@ impl<T: Copy> Ring<T> {
         Self { values: Vec::with_capacity(length), length, next: 0 }
     }
 
-    pub fn push(&mut self, value: T) {
-        if self.values.len() < self.length {
-            self.values.push(value);
-        } else {
-            self.values[self.next] = value;
+    /// Adds a value; returns the one that it replaces.
+    pub fn push(&mut self, value: T) -> Option<T> {
+        let gone = match self.values.get_mut(self.next) {
+            Some(place) => Some(core::mem::replace(place, value)),
+            None => {
+                self.values.push(value);
+                None
+            }
+        };
+        self.next += 1;
+        if self.next == self.length {
+            self.next = 0;
         }
-        self.next = (self.next + 1) % self.length;
+        gone
+    }
+
+    /// Number of values.
+    pub fn len(&self) -> usize {
+        self.values.len()
     }
 
     /// The values, oldest first.

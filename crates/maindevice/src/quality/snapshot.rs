@@ -131,6 +131,8 @@ impl Margin {
 pub(super) struct Record {
     pub devices: Vec<DeviceQuality>,
     pub moments: Ring<Moment>,
+    /// Whether a state in the segment may have changed since it was last taken.
+    pub stale: bool,
     limit: Option<Nanos>,
     /// Cycle and counts at the end of the last moment.
     before: (u64, u64, u64),
@@ -156,6 +158,7 @@ impl Record {
         Self {
             devices: segment.devices.iter().map(device).collect(),
             moments: Ring::new(history),
+            stale: false,
             limit,
             before: (cycle, counts.working_counter_errors, counts.frames_missed()),
         }
@@ -166,13 +169,22 @@ impl Record {
         cycle.wrapping_sub(self.before.0) >= MOMENT
     }
 
-    /// Takes the present states; returns which ones changed.
+    /// Takes the present states, and tells which ones changed.
     pub fn take_states(
         &mut self,
         now: Time<Host>,
         segment: &Segment,
         mut tell: impl FnMut(&SubDevice),
     ) {
+        if !core::mem::take(&mut self.stale) {
+            debug_assert!(
+                self.devices.iter().zip(&segment.devices).all(|(known, device)| {
+                    (known.status, known.code) == (device.al_status, device.al_code)
+                }),
+                "a state has changed"
+            );
+            return;
+        }
         for (known, device) in self.devices.iter_mut().zip(&segment.devices) {
             let seen = (device.al_status, device.al_code);
             if (known.status, known.code) != seen {

@@ -230,6 +230,7 @@ fn one_that_is_awaited() {
     segment.devices[2].admitted = true;
     segment.devices[2].station = StationAddress(0x1001 + 7);
     segment.devices[2].al_status = isocat_wire::al::AlStatus(8);
+    monitor.states_changed();
     monitor.record.take_states(Time::new(5), &segment, |device| monitor.background.meet(device));
     assert_eq!(monitor.record.devices[2].since, Time::new(5));
     assert_eq!(asked(&mut monitor, 2_000_000_000), [1, 7, 3]);

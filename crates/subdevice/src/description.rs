@@ -120,7 +120,7 @@ pub struct Mailbox {
 
 impl Mailbox {
     /// Bytes of the store for the last two messages sent, and for a transfer of
-    /// [`MAX_TRANSFER`](crate::MAX_TRANSFER) bytes.
+    /// [`MAX_TRANSFER`] bytes.
     pub const fn store_len(&self) -> usize {
         2 * self.send.length as usize + MAX_TRANSFER
     }

@@ -39,7 +39,7 @@ pub const PRESETS: [Preset; 16] = [
         id: "slack-jitter",
         title: "Jitter eats the slack",
         shows: "The host is late now and then, more than the slack allows: 0x1C32:0B goes up by 3 and down by 1.",
-        state: "devices=2&phase=300us&copy-time=276us&force=on&host-jitter=40us&seed=5",
+        state: "devices=2&phase=300us&copy-time=276us&force=on&host-jitter=40us&seed=22",
     },
     Preset {
         id: "no-drift",

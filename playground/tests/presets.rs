@@ -123,7 +123,7 @@ fn in_sm_mode_outputs_have_the_jitter_of_the_host() {
         |id| preset(id).devices.iter().map(|device| ns(&device.outputs)).fold(0.0, f64::max);
     let (sm, dc) = (spread("sm-jitter"), spread("dc-jitter"));
     assert!((50_000.0..=201_000.0).contains(&sm), "{sm}");
-    assert!((1.0..100.0).contains(&dc), "{dc}");
+    assert!(dc > 0.0 && dc < 100.0, "{dc}");
 }
 
 #[test]

@@ -221,11 +221,15 @@ async fn approach(
 }
 
 /// The slope, ns per second, with which a clock moves by [`MOVED`] until its loop has corrected it
-/// with the frames of the cycle: speeds are averaged over 2^`depth` of them.
+/// with the frames of the cycle: speeds are averaged over 2^`depth` of them. With long cycles it is
+/// the smallest slope that readings can tell.
 fn steady(config: &Config, depth: u8) -> i64 {
-    MOVED.0 * 1_000_000_000 / (config.cycle.0 << depth.min(15)).max(1)
+    (MOVED.0 * 1_000_000_000 / (config.cycle.0 << depth.min(15)).max(1)).max(LEAST_SLOPE)
 }
 
+/// Three errors of the slope of sixteen readings with 3 ns of noise in 30 ms, 3 x 3 ns x sqrt(12 /
+/// 16) / 30 ms, ns per second.
+const LEAST_SLOPE: i64 = 260;
 /// Noise of 0x092C (1 sigma) from which on clocks do not lock at short intervals.
 const NOISY: Nanos = Nanos(20);
 /// Clocks of longer cycles first lock as those of this one do.

@@ -166,8 +166,8 @@ impl Run {
     }
 }
 
-/// Writes a count into each `each` bytes, each byte one more than the one before. `ramp` is its
-/// beginning: so many bytes at a time are one vector.
+/// Writes a count into the outputs of devices of `each` bytes: each byte is one more than the one
+/// before. `ramp` is its first 16 bytes; 16 at a time are written as one vector.
 fn count(outputs: &mut [u8], each: usize, ramp: &[u8; 16]) {
     let len = outputs.len();
     let mut written = each.min(len);

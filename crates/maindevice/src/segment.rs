@@ -454,7 +454,7 @@ pub struct ProcessImage {
 }
 
 impl ProcessImage {
-    /// The working counters of a chunk with so many SubDevices: of LRW or LRD, and of LWR.
+    /// The working counters of a chunk, of LRW or LRD and of LWR, by its numbers of SubDevices.
     pub(crate) fn counters(&self, writers: u16, readers: u16) -> [u16; 2] {
         [if self.read_write { 2 * writers + readers } else { readers }, writers]
     }

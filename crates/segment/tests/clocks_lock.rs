@@ -5,7 +5,7 @@ use isocat_segment::{Scenario, SegmentFile};
 use isocat_sim::Tap;
 use isocat_wire::time::{Time, True};
 
-/// Nobody looks at the wire.
+/// A tap that keeps nothing.
 struct NoTap;
 
 impl Tap for NoTap {

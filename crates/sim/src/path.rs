@@ -127,7 +127,7 @@ pub(crate) struct Reception {
 pub(crate) struct Ports(Vec<[Time<True>; 4]>);
 
 impl Ports {
-    /// Ports of so many SubDevices, without frames.
+    /// The free ports of this number of SubDevices.
     pub fn new(devices: usize) -> Self {
         Self(vec![[Time::ZERO; 4]; devices])
     }

@@ -318,7 +318,7 @@ mod tests {
         device
     }
 
-    /// Three devices make a kind, two do not: there would be nobody to share with. The serial
+    /// Three devices make a kind, two do not: no third one would share what they tell. The serial
     /// number does not matter, the revision does.
     #[test]
     fn kinds_are_equal_devices_with_complete_access() {

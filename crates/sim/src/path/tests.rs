@@ -43,8 +43,8 @@ fn after(arrivals: &[Arrival]) -> Vec<(usize, PortNumber, i64)> {
     arrivals.iter().map(|a| (a.device, a.port, a.after.0 / 1000)).collect()
 }
 
-/// A frame waits until the one before is through, by the smallest step; one that was held up keeps
-/// nobody back.
+/// A frame waits until the one before is through, by the smallest step; one that was held up does
+/// not delay others.
 #[test]
 fn frames_do_not_overlap_at_a_port() {
     let mut ports = Ports::new(2);

@@ -12,9 +12,9 @@ pub(crate) struct Measurement {
     on: bool,
     /// Whether any measurement was started since power-on.
     begun: bool,
-    /// Start of the present step, by step; for the mapping of the outputs, the event that started
-    /// it.
-    step_began: [Time<Device>; Step::ALL.len()],
+    /// Start of the present step, by step, if it began while measuring; for the mapping of the
+    /// outputs, the event that started it.
+    step_began: [Option<Time<Device>>; Step::ALL.len()],
     /// The event from which Outputs Valid and Input Latch are counted.
     trigger: Time<Device>,
     last_cycle: Option<Time<Device>>,
@@ -34,9 +34,15 @@ impl Measurement {
     /// Sub-index 08 bit 0: starts a new measurement, or stops it; the values are kept.
     pub fn switch(&mut self, on: bool) {
         if on {
-            *self = Self { on, begun: true, ..Self::default() };
+            *self = Self { on, begun: true, trigger: self.trigger, ..Self::default() };
         }
         self.on = on;
+    }
+
+    /// Whether a measurement runs.
+    #[inline]
+    pub fn is_on(&self) -> bool {
+        self.on
     }
 
     /// Starts a new cyclic operation: distances belong to it alone.
@@ -86,24 +92,27 @@ impl Measurement {
     /// Takes the event that starts the mapping of outputs.
     #[inline]
     pub fn maps_outputs(&mut self, now: Time<Device>) {
-        self.step_began[Step::MapOutputs as usize] = now;
+        if self.on {
+            self.step_began[Step::MapOutputs as usize] = Some(now);
+        }
     }
 
     /// Takes the start of a step.
     #[inline]
     pub fn begins(&mut self, now: Time<Device>, step: Step) {
+        if !self.on {
+            return;
+        }
         if step != Step::MapOutputs {
-            self.step_began[step as usize] = now;
+            self.step_began[step as usize] = Some(now);
         }
         let direction = match step {
             Step::OutputsValid => 0,
             Step::LatchInputs => 1,
             _ => return,
         };
-        if self.on {
-            let delay = now - self.trigger;
-            self.longest_delay[direction] = self.longest_delay[direction].max(delay);
-        }
+        let delay = now - self.trigger;
+        self.longest_delay[direction] = self.longest_delay[direction].max(delay);
     }
 
     /// Takes the end of a step.
@@ -112,11 +121,17 @@ impl Measurement {
         if !self.on {
             return;
         }
+        // The measurement may have been started during the step.
+        let Some(began) = self.step_began[step as usize] else { return };
+        let took = now - began;
         // The meaning of 0x1C32:06 and 0x1C33:06: from the event, and from Input Latch.
-        let took = now - self.step_began[step as usize];
         match step {
             Step::MapOutputs => self.mapped(0, took),
-            Step::MapInputs => self.mapped(1, now - self.step_began[Step::LatchInputs as usize]),
+            Step::MapInputs => {
+                if let Some(latched) = self.step_began[Step::LatchInputs as usize] {
+                    self.mapped(1, now - latched);
+                }
+            }
             Step::Application => {}
             Step::OutputsValid | Step::LatchInputs => return,
         }
@@ -170,6 +185,28 @@ fn saturated(value: Nanos) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Started in the middle of a cycle, it measures no step that began before, and the others from
+    /// the event before it.
+    #[test]
+    fn a_measurement_may_begin_during_a_step() {
+        let at = |us: u64| Time::new(us * 1_000);
+        let value = |measurement: &Measurement, sub| {
+            measurement.value(ObjectAddress { index: OUTPUT_PARAMETER, sub })
+        };
+        let mut measurement = Measurement::default();
+        measurement.sync0(at(1_000));
+        measurement.begins(at(1_005), Step::Application);
+        measurement.switch(true);
+        measurement.ends(at(1_030), Step::Application);
+        measurement.begins(at(1_030), Step::OutputsValid);
+        measurement.ends(at(1_030), Step::OutputsValid);
+        assert_eq!(value(&measurement, sub::MINIMUM_CYCLE_TIME), Some(0));
+        assert_eq!(value(&measurement, sub::DELAY_TIME), Some(30_000));
+        measurement.begins(at(2_005), Step::Application);
+        measurement.ends(at(2_030), Step::Application);
+        assert_eq!(value(&measurement, sub::MINIMUM_CYCLE_TIME), Some(25_000));
+    }
 
     fn at(ns: u64) -> Time<Device> {
         Time::new(ns)

@@ -184,35 +184,95 @@ impl Bench {
     /// Takes a frame that passed the segment; its first bit left the MainDevice at `start`.
     pub fn frame(&mut self, segment: &Segment, bytes: &[u8], start: Time<True>) {
         let (Some(intent), Some(judge)) = (&self.intent, &mut self.host_phase) else { return };
-        if !is_cyclic(bytes) || !leads(self.led, intent, segment) {
+        if !is_cyclic(bytes) {
             return;
         }
+        let Some(leader) = leader(self.led, intent, segment) else { return };
         let entry = segment.path().entries.iter().find(|entry| entry.device == intent.reference);
         if let Some(entry) = entry {
             let at = start + entry.after;
-            judge.frame(segment.devices()[intent.reference].system_time_ps(at));
+            judge.frame(leader.system_time_ps(at));
         }
     }
 
     /// Takes an event at a SubDevice; returns what was measured of it.
     pub fn observe(&mut self, segment: &Segment, observation: &Observation) -> Measured {
-        let Observation { device: index, device_at, event, content } = *observation;
+        let index = observation.device;
         let subject = &segment.devices()[index];
-        let true_time = || subject.oscillator().when(device_at);
         let device = &mut self.devices[index];
-        if let Observed::State(state, code) = event {
-            device.states.push(StateChange { at: true_time(), state, code });
-        }
-        let mut measured = Measured::default();
-        let Some(intent) = &self.intent else { return measured };
+        device.note_state(subject, observation);
+        let Some(intent) = &self.intent else { return Measured::default() };
         if let Some(sampling) = subject.sampling() {
             device.follow_samples(subject, observation, sampling);
         }
+        let look = Look { segment, subject, leader: leader(self.led, intent, segment), intent };
+        device.judge(&look, observation, &mut self.outputs_valid)
+    }
+
+    /// Takes events at SubDevices, in their order. As a rule several of one SubDevice follow each
+    /// other.
+    pub fn observe_all(&mut self, segment: &Segment, observations: &[Observation]) {
+        let leader = self.intent.as_ref().and_then(|intent| leader(self.led, intent, segment));
+        for observations in observations.chunk_by(|one, next| one.device == next.device) {
+            let index = observations[0].device;
+            let subject = &segment.devices()[index];
+            let device = &mut self.devices[index];
+            let Some(intent) = &self.intent else {
+                observations.iter().for_each(|it| device.note_state(subject, it));
+                continue;
+            };
+            let look = Look { segment, subject, leader, intent };
+            let sampling = subject.sampling();
+            for observation in observations {
+                device.note_state(subject, observation);
+                if let Some(sampling) = sampling {
+                    device.follow_samples(subject, observation, sampling);
+                }
+                device.judge(&look, observation, &mut self.outputs_valid);
+            }
+        }
+    }
+}
+
+/// What the judges of a SubDevice look at.
+struct Look<'a> {
+    segment: &'a Segment,
+    subject: &'a device::Device,
+    /// The SubDevice of the reference clock, if it has power: without power it shows a meaningless
+    /// time.
+    leader: Option<&'a device::Device>,
+    intent: &'a Intent,
+}
+
+impl DeviceBench {
+    /// Notes a change of state, at any time.
+    #[inline]
+    fn note_state(&mut self, subject: &device::Device, observation: &Observation) {
+        if let Observed::State(state, code) = observation.event {
+            let at = subject.oscillator().when(observation.device_at);
+            self.states.push(StateChange { at, state, code });
+        }
+    }
+
+    /// Passes an event to the judges that it concerns.
+    #[inline(always)]
+    fn judge(
+        &mut self,
+        look: &Look<'_>,
+        observation: &Observation,
+        outputs_valid: &mut OutputsValid,
+    ) -> Measured {
+        let &Look { segment, subject, leader, intent } = look;
+        let (index, device_at) = (observation.device, observation.device_at);
+        let content = &observation.content;
+        let true_time = || subject.oscillator().when(device_at);
+        let device = self;
+        let mut measured = Measured::default();
         // A SubDevice without SYNC0 has no timing to judge, but its process data are followed.
         let is_timed = device.sync0.is_some();
         let chain = || subject.stack.sync().chain();
         let exchange = || intent.exchange.get(index).copied().flatten().unwrap_or(intent.send);
-        match event {
+        match observation.event {
             Observed::Sm2 => {
                 device.outputs_cycle.stored(content.frame);
                 if chain().mode == SyncMode::SmSynchronous {
@@ -236,13 +296,13 @@ impl Bench {
                 if is_timed && let Some(cycle) = device.cycle.take() {
                     let at = acted.unwrap_or_else(true_time);
                     device.outputs_delay.valid(at);
-                    self.outputs_valid.valid(cycle, at);
+                    outputs_valid.valid(cycle, at);
                 }
             }
             Observed::Began(Step::LatchInputs) => device.inputs_cycle.latched(device_at),
             Observed::Sm3 => {
                 let chain = chain();
-                if let Some(fetched) = fetched(segment, index, device_at, content) {
+                if let Some(fetched) = fetched(segment, index, device_at, *content) {
                     let shifted = intent.inputs_shifted.get(index).copied().unwrap_or(false);
                     let bound = device.inputs_bound(&chain, exchange().cycle, shifted);
                     device.inputs_cycle.fetched(fetched, bound);
@@ -255,27 +315,24 @@ impl Bench {
             Observed::StillActive(signal) if is_timed => {
                 device.lost_pulses.lost(true_time(), signal);
             }
-            Observed::Sync0 | Observed::Sync1 if is_timed => {
+            ref pulse @ (Observed::Sync0 | Observed::Sync1) if is_timed => {
+                let second = matches!(pulse, Observed::Sync1);
                 let at = true_time();
-                let leads = leads(self.led, intent, segment);
-                let reference =
-                    leads.then(|| segment.devices()[intent.reference].system_time_ps(at));
-                if event == Observed::Sync0 {
+                let reference = leader.map(|leader| leader.system_time_ps(at));
+                if !second {
                     device.margin.sync0(device_at);
-                }
-                if let (Observed::Sync0, Some(judge), Some(reference)) =
-                    (event, &mut device.sync0, reference)
-                {
-                    measured.sync0_error = Some(judge.edge(at, reference));
+                    if let (Some(judge), Some(reference)) = (&mut device.sync0, reference) {
+                        measured.sync0_error = Some(judge.edge(at, reference));
+                    }
                 }
                 let chain = chain();
-                if event == pulse_of_outputs(&chain) {
+                if second == outputs_at_sync1(&chain) {
                     device.outputs_cycle.pulse(at);
                 }
-                if event == pulse_of_inputs(&chain) {
+                if second == inputs_at_sync1(&chain) {
                     device.inputs_cycle.event(at);
                 }
-                if event == acting(&chain) {
+                if second == acts_at_sync1(&chain) {
                     measured.margin = device.margin.acts(device_at);
                     device.outputs_delay.sync0(at);
                     let number = |grid: Grid| Some(grid.index(reference?));
@@ -286,9 +343,7 @@ impl Bench {
         }
         measured
     }
-}
 
-impl DeviceBench {
     /// The same for a device that oversamples. The first channel of a direction stands for all:
     /// they are sampled together.
     fn follow_samples(
@@ -340,7 +395,7 @@ impl DeviceBench {
             SyncMode::FreeRun => Bound::Free,
             SyncMode::SmSynchronous => Bound::Sm2(frame),
             _ => {
-                let second = pulse_of_outputs(chain) == Observed::Sync1;
+                let second = outputs_at_sync1(chain);
                 let pulses = if second { &intent.acting } else { &intent.sync0 };
                 let pulse = pulses.get(index).copied().flatten();
                 match (self.bounds.outputs[usize::from(second)], pulse) {
@@ -358,7 +413,7 @@ impl DeviceBench {
             SyncMode::FreeRun => Bound::Free,
             SyncMode::SmSynchronous => Bound::Frame { cycle, shifted },
             _ => {
-                let second = pulse_of_inputs(chain) == Observed::Sync1;
+                let second = inputs_at_sync1(chain);
                 self.bounds.inputs[usize::from(second)].map_or(Bound::Free, Bound::Pulse)
             }
         }
@@ -391,37 +446,33 @@ fn fetched(
     })
 }
 
-/// Whether there is a reference clock with power: without power it shows a meaningless time.
-fn leads(led: bool, intent: &Intent, segment: &Segment) -> bool {
-    led && segment.devices()[intent.reference].is_powered()
+/// The SubDevice of the reference clock, if there is one with power.
+fn leader<'a>(led: bool, intent: &Intent, segment: &'a Segment) -> Option<&'a device::Device> {
+    let leader = &segment.devices()[intent.reference];
+    (led && leader.is_powered()).then_some(leader)
 }
 
-/// The pulse that is the first occasion of outputs. With subordinated cycles this is each SYNC0, if
-/// the application runs at each.
-fn pulse_of_outputs(chain: &Chain) -> Observed {
+/// Whether SYNC1 is the first occasion of outputs, and not SYNC0. With subordinated cycles each
+/// SYNC0 is one, if the application runs at each.
+fn outputs_at_sync1(chain: &Chain) -> bool {
+    let at_each = chain.mode == SyncMode::DcSubordinated && !chain.application_on_sync1;
+    !at_each && acts_at_sync1(chain)
+}
+
+/// Whether inputs belong to SYNC1, and not to SYNC0. With subordinated cycles they belong to the
+/// last SYNC0 before SYNC1. If SYNC1 is a shift of Input Latch after SYNC0, they belong to that
+/// SYNC0.
+fn inputs_at_sync1(chain: &Chain) -> bool {
+    chain.mode != SyncMode::DcSubordinated && acts_at_sync1(chain)
+}
+
+/// Whether outputs act at SYNC1, and not at SYNC0, by the SubDevice's mode.
+fn acts_at_sync1(chain: &Chain) -> bool {
     match chain.mode {
-        SyncMode::DcSubordinated if !chain.application_on_sync1 => Observed::Sync0,
-        _ => acting(chain),
-    }
-}
-
-/// The pulse to which inputs belong. With subordinated cycles this is the last SYNC0 before SYNC1.
-/// If SYNC1 is a shift of Input Latch after SYNC0, it is that SYNC0.
-fn pulse_of_inputs(chain: &Chain) -> Observed {
-    match chain.mode {
-        SyncMode::DcSubordinated => Observed::Sync0,
-        _ => acting(chain),
-    }
-}
-
-/// The pulse at which outputs act, by the SubDevice's mode.
-fn acting(chain: &Chain) -> Observed {
-    let at_sync1 = match chain.mode {
         SyncMode::DcSync1 | SyncMode::DcSubordinated => true,
         SyncMode::DcShiftSync1 => chain.outputs_on_sync1 && chain.has_outputs,
         _ => false,
-    };
-    if at_sync1 { Observed::Sync1 } else { Observed::Sync0 }
+    }
 }
 
 /// Whether a frame is cyclic: its first datagram distributes the system time, and it has further

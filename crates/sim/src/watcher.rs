@@ -53,6 +53,16 @@ impl Watcher {
         }
     }
 
+    /// The events that were kept and not taken yet, in order.
+    pub(crate) fn seen(&self) -> &[Observation] {
+        &self.seen
+    }
+
+    /// Forgets them.
+    pub(crate) fn clear(&mut self) {
+        self.seen.clear();
+    }
+
     /// Takes the events that were kept since the last call, in order.
     pub fn take(&mut self) -> impl Iterator<Item = Observation> + '_ {
         self.seen.drain(..)

@@ -618,12 +618,12 @@ impl<A: Application, T: Tap> World<A, T> {
     fn judge(&mut self) {
         let tap = &mut self.tap.as_mut().filter(|_| self.observes);
         let course = &mut self.course.as_mut().filter(|_| self.follows_course);
-        let is_followed = tap.is_some() || course.is_some();
+        if tap.is_none() && course.is_none() {
+            self.bench.observe_all(&self.segment, self.watcher.seen());
+            return self.watcher.clear();
+        }
         for observation in self.watcher.take() {
             let measured = self.bench.observe(&self.segment, &observation);
-            if !is_followed {
-                continue;
-            }
             let oscillator = self.segment.devices()[observation.device].oscillator();
             let at = oscillator.when(observation.device_at);
             if let Some(course) = course {

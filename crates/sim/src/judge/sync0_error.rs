@@ -42,9 +42,10 @@ impl Sync0Error {
     fn follow(&mut self, at: Time<True>, error: Picos) -> Picos {
         let cycle = Picos::from(self.grid.cycle).0;
         let last = self.last.filter(|(last, _)| (at - *last).0 <= PAUSE * cycle);
-        let last = last.map_or(error, |(_, last)| last);
-        let cycles = (last.0 - error.0 + cycle / 2).div_euclid(cycle);
-        let error = error + Picos(cycles * cycle);
+        let gap = last.map_or(0, |(_, last)| last.0 - error.0);
+        // As a rule it is the same cycle, and nothing is to be divided.
+        let cycles = if gap.abs() < cycle / 2 { 0 } else { (gap + cycle / 2).div_euclid(cycle) };
+        let error = Picos(error.0 + cycles * cycle);
         self.last = Some((at, error));
         error
     }

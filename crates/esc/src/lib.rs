@@ -41,6 +41,7 @@ extern crate std;
 mod access;
 mod al;
 pub mod chip;
+mod cyclic;
 mod dc;
 mod dl;
 mod eeprom;
@@ -64,6 +65,7 @@ mod watchdog;
 pub use chip::{
     Chip, ET1100, ET1100_MII, ET1200, IP_CORE_32, IP_CORE_32_EMULATED, LAN9252, XMC4800,
 };
+pub use cyclic::CyclicFrame;
 pub use dc::drift_law::{DriftLaw, UnknownDriftLaw};
 pub use dc::latch::LatchInput;
 pub use esc::{Esc, EscEvent, PortError};

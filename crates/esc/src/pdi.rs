@@ -163,6 +163,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                 // The station alias changes which datagrams are addressed to this ESC.
                 esc.registers.set_byte(address, value);
                 esc.reach_version = esc.reach_version.wrapping_add(1);
+                esc.areas = Known::Nothing;
             }
             0x0041 => {
                 esc.advance_reset(1, value, self.now);

@@ -539,7 +539,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// The write enables of the last frame end with the arrival of this one.
-    fn forget_write_enables(&mut self) {
+    pub(crate) fn forget_write_enables(&mut self) {
         for enable in [register::REGISTER_WRITE_ENABLE, register::ESC_WRITE_ENABLE] {
             self.registers.store(enable, 0);
         }

@@ -24,6 +24,24 @@ use crate::sync_manager::Direction;
 pub(crate) struct Areas {
     outputs: Option<Area>,
     inputs: Option<Area>,
+    /// Its station address and its alias, if it answers to that.
+    pub stations: [Option<u16>; 2],
+    /// Most bytes of the system time that it takes: 8, 4, or none.
+    pub time_len: u8,
+    /// Whether datagrams show no events of it.
+    pub takes_cyclic: bool,
+}
+
+impl Areas {
+    /// Logical address, length and SyncManager of the outputs (written by the wire) or the inputs.
+    #[inline]
+    pub fn area(&self, direction: Direction) -> Option<(u32, u16, u8)> {
+        let area = match direction {
+            Direction::Write => self.outputs,
+            Direction::Read => self.inputs,
+        };
+        area.map(|area| (area.logical, area.length, area.sync_manager))
+    }
 }
 
 /// One direction.
@@ -199,12 +217,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let areas = match self.areas {
             Known::Usual(areas) => areas,
             Known::Unusual => return None,
-            Known::Nothing if self.is_regular_ram() => {
-                let found = self.find_areas();
-                self.areas = found.map_or(Known::Unusual, Known::Usual);
-                found?
-            }
-            Known::Nothing => return None,
+            Known::Nothing => self.look_for_areas()?,
         };
         let place = |area: Option<Area>, wanted: bool| match area.filter(|_| wanted) {
             None => Some(None),
@@ -233,6 +246,16 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         Some(count)
     }
 
+    /// Finds the areas after a change of registers; `None` if they are not usual, or not known yet.
+    pub(crate) fn look_for_areas(&mut self) -> Option<Areas> {
+        if !self.is_regular_ram() {
+            return None;
+        }
+        let found = self.find_areas();
+        self.areas = found.map_or(Known::Unusual, Known::Usual);
+        found
+    }
+
     /// Returns the areas if FMMUs and SyncManagers of process data have the usual setup.
     fn find_areas(&self) -> Option<Areas> {
         if self.chip.has(features::NO_LRW) {
@@ -245,7 +268,22 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             let number = self.sync_managers.three_buffers(physical, length)?;
             Some(Some(Area { logical, physical, length, sync_manager: number as u8 }))
         };
-        let areas = Areas { outputs: area(Fmmu::WRITE)?, inputs: area(Fmmu::READ)? };
+        let (station, control) = (register::STATION_ADDRESS, register::DL_CONTROL);
+        let has_alias = self.registers.byte(control.address + 3) & 1 != 0;
+        let alias = has_alias.then(|| self.registers.load(register::STATION_ALIAS));
+        let is_protected = self.registers.load(register::REGISTER_WRITE_PROTECTION) & 1 != 0;
+        let time_len = match () {
+            () if is_protected || !self.units.takes_time() => 0,
+            () if self.units.takes_wide_time() => 8,
+            () => 4,
+        };
+        let areas = Areas {
+            outputs: area(Fmmu::WRITE)?,
+            inputs: area(Fmmu::READ)?,
+            stations: [Some(self.registers.load(station)), alias],
+            time_len,
+            takes_cyclic: self.registers.load(register::ECAT_EVENT_MASK) == 0,
+        };
         // A SyncManager serves one direction: if both FMMUs lead to the same one, the slow path
         // decides.
         let number = |area: Option<Area>| area.map(|area| area.sync_manager);

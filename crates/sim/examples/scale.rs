@@ -1,8 +1,9 @@
-//! Cost and memory of a line of N SubDevices: `scale N CYCLES [main|mailbox]`.
+//! Cost and memory of a line of N SubDevices: `scale N CYCLES [main|judged|mailbox|constant]`.
 //!
 //! Prints processor time of one cycle, and of one SubDevice and cycle, and resident bytes of one
-//! SubDevice. With `main` the MainDevice runs the line; without it frames are made before and only
-//! the segment works. With `mailbox` the SubDevices have one.
+//! SubDevice. With `main` the MainDevice runs the line, and with `judged` the judges look on as
+//! well; without them frames are made before and only the segment works. With `mailbox` the
+//! SubDevices have one, and with `constant` each hop takes all frames the same time.
 
 use std::process::ExitCode;
 use std::time::Duration;
@@ -10,18 +11,20 @@ use std::time::Duration;
 #[path = "../benches/line/mod.rs"]
 mod line;
 
+use isocat_wire::Nanos;
 use line::{Line, run_cycles, world};
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |at: usize| arguments.get(at).and_then(|text| text.parse::<u64>().ok());
     let (Some(count), Some(cycles)) = (number(0), number(1)) else {
-        eprintln!("usage: scale N CYCLES [main|mailbox]");
+        eprintln!("usage: scale N CYCLES [main|judged|mailbox|constant]");
         return ExitCode::FAILURE;
     };
     let count = count as usize;
     let before = resident();
-    let (elapsed, after) = if arguments.get(2).is_some_and(|text| text == "main") {
+    let with = arguments.get(2).map_or("", String::as_str);
+    let (elapsed, after) = if matches!(with, "main" | "judged") {
         let mut world = match world(count) {
             Ok(world) => world,
             Err(error) => {
@@ -29,14 +32,21 @@ fn main() -> ExitCode {
                 return ExitCode::FAILURE;
             }
         };
+        if with == "judged" {
+            let intent = isocat_sim::run::intent(world.main(), Nanos::micros(1));
+            world.begin_judging(intent);
+        }
         let start = processor_time();
         let wrong = run_cycles(&mut world, cycles);
         let elapsed = processor_time().saturating_sub(start);
         assert_eq!(wrong, 0, "wrong working counters");
         (elapsed, resident())
     } else {
-        let mailbox = arguments.get(2).is_some_and(|text| text == "mailbox");
-        let mut line = if mailbox { Line::with_mailbox(count) } else { Line::new(count) };
+        let mut line = match with {
+            "mailbox" => Line::with_mailbox(count),
+            "constant" => Line::with_constant_hops(count),
+            _ => Line::new(count),
+        };
         let start = processor_time();
         for _ in 0..cycles {
             line.cycle();

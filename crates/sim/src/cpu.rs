@@ -145,18 +145,62 @@ impl Plan {
         self.len = joined as u8;
     }
 
-    /// Becomes equal to another plan; parts that do not exist are not copied.
-    #[inline]
-    pub fn copy(&mut self, other: &Self) {
-        let len = MAX_PARTS.min(other.len.into());
-        self.parts[..len].copy_from_slice(&other.parts[..len]);
-        self.len = other.len;
+    /// Becomes the plan of a sequence.
+    pub fn take_sequence(&mut self, sequence: &Sequence) {
+        self.len = sequence.len as u8;
+        for (part, (step, after, until)) in self.parts.iter_mut().zip(sequence.steps()) {
+            *part = Part { after, until, what: What::Step(step) };
+        }
     }
 
     /// One of the parts.
     #[inline]
     pub fn part(&self, number: usize) -> Option<Part> {
         (number < MAX_PARTS.min(self.len.into())).then(|| self.parts[number])
+    }
+}
+
+/// A plan of which each step ends before the next one begins.
+#[derive(Clone, Copy, Debug)]
+pub struct Sequence {
+    steps: [Step; MAX_STEPS],
+    after: [u32; MAX_STEPS],
+    until: [u32; MAX_STEPS],
+    len: u32,
+    end: u32,
+}
+
+impl Sequence {
+    /// The plan as a sequence; `None` if it is none, or takes longer than 4 s.
+    pub fn of(plan: &Plan) -> Option<Self> {
+        let none = [0; MAX_STEPS];
+        let steps = [Step::MapOutputs; MAX_STEPS];
+        let mut sequence = Self { steps, after: none, until: none, len: 0, end: 0 };
+        for number in 0..plan.len.into() {
+            let Part { after, until, what: What::Step(step) } = plan.part(number)? else {
+                return None;
+            };
+            *sequence.steps.get_mut(number)? = step;
+            sequence.after[number] = u32::try_from(after.0).ok()?;
+            sequence.until[number] = u32::try_from(until.0).ok()?;
+            sequence.len += 1;
+            sequence.end = sequence.end.max(sequence.until[number]);
+        }
+        Some(sequence)
+    }
+
+    /// Time from the event to the end of the last step.
+    #[inline]
+    pub fn end(&self) -> Nanos {
+        Nanos(self.end.into())
+    }
+
+    /// The steps with the times from the event to their beginning and end.
+    #[inline]
+    pub fn steps(&self) -> impl Iterator<Item = (Step, Nanos, Nanos)> + '_ {
+        let times = self.after.iter().zip(&self.until);
+        let steps = self.steps.iter().zip(times).take(self.len as usize);
+        steps.map(|(step, (after, until))| (*step, Nanos((*after).into()), Nanos((*until).into())))
     }
 }
 

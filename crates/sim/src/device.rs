@@ -5,7 +5,7 @@ mod regular;
 
 use std::sync::Arc;
 
-use isocat_esc::{Chip, Esc, EscEvent, Passing, Pdi};
+use isocat_esc::{Chip, CyclicFrame, Esc, EscEvent, Passing, Pdi};
 use isocat_subdevice::description::ProcessDataArea;
 use isocat_subdevice::{Application, Description, Event, Misbehaviour, Prepared, Step, SubDevice};
 use isocat_wire::datagram::Address;
@@ -13,7 +13,7 @@ use isocat_wire::register::al_event;
 use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
 use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
 
-use crate::cpu::{Action, Cpu, CpuModel, Plan};
+use crate::cpu::{Action, Cpu, CpuModel};
 use crate::observation::{Content, Observation, Observed};
 use crate::oscillator::{Bend, ClockModel, Oscillator};
 use crate::plant::{Acted, Plant, PlantSetup};
@@ -22,6 +22,7 @@ use crate::sampling::{Sampler, Sampling};
 use crate::storage::Storage;
 use crate::watcher::Watcher;
 use present::Present;
+use regular::Kept;
 
 /// The parts of a SubDevice of a run.
 pub struct DeviceSetup {
@@ -73,7 +74,7 @@ pub struct Device {
     /// See [`Self::set_lane`].
     lane: bool,
     /// The steps of each event, with their plan if it never varies.
-    prepared: Prepared<Plan>,
+    prepared: Prepared<Kept>,
     /// The AL events of the first SyncManagers of outputs and inputs.
     sm_events: [u32; 2],
     /// What the last event has started, as long as nothing is on the CPU's agenda.
@@ -128,7 +129,7 @@ impl Device {
             lane: true,
             prepared: Prepared::new(),
             sm_events,
-            present: Present::NONE,
+            present: Present::none(),
             regular: false,
         }
     }
@@ -316,6 +317,25 @@ impl Device {
         self.frame = frame;
         self.esc.label_frame(frame.count());
         self.quiet_until = self.quiet_until.min(self.esc.quiet_until());
+    }
+
+    /// Passes a cyclic frame whose first bit left the MainDevice at `sent`. `false`: nothing was
+    /// done, see [`Esc::pass_cyclic`].
+    #[inline]
+    pub(crate) fn pass_cyclic(
+        &mut self,
+        times: (Time<DeviceClock>, Time<DeviceClock>),
+        sent: Time<True>,
+        frame: &mut CyclicFrame,
+        place: usize,
+        payload: &mut [u8],
+    ) -> bool {
+        if !self.esc.pass_cyclic(times, sent.count(), frame, place, payload) {
+            return false;
+        }
+        self.frame = sent;
+        self.quiet_until = self.quiet_until.min(self.esc.quiet_until());
+        true
     }
 
     /// Called after ESC or stack may have been changed from outside: all due times are computed

@@ -27,6 +27,7 @@ pub mod bench;
 pub mod cable;
 pub mod course;
 pub mod cpu;
+mod cyclic_frame;
 pub mod device;
 mod disturbance;
 pub mod expect;

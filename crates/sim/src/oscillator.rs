@@ -153,6 +153,11 @@ impl Oscillator {
         Self { rate, reciprocal: reciprocal(rate), shape }
     }
 
+    /// Its rate, 2⁻⁶⁴ ns per ps, if that never changes.
+    pub(crate) fn straight_rate(&self) -> Option<u64> {
+        self.shape.is_none().then_some(self.rate)
+    }
+
     /// Its count at a point of true time: whole ns, rounded down.
     pub fn read<S: Scale>(&self, at: Time<True>) -> Time<S> {
         let at = at.count();

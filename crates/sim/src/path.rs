@@ -104,8 +104,8 @@ struct Step {
     /// The previous stay and the hop, without jitter.
     takes: Picos,
     edges: Edges,
-    device: usize,
-    port: PortNumber,
+    /// The place of the port in [`Ports`].
+    place: u32,
     /// Whether it is the next one of the entries; otherwise of the returns.
     entry: bool,
 }
@@ -124,26 +124,34 @@ pub(crate) struct Reception {
 /// thousand hops it may be used up. A port takes no frame before the one before it is through, and
 /// its ESC has seen its end.
 #[derive(Debug)]
-pub(crate) struct Ports(Vec<[Time<True>; 4]>);
+pub(crate) struct Ports(Vec<Time<True>>);
 
 impl Ports {
     /// The free ports of this number of SubDevices.
     pub fn new(devices: usize) -> Self {
-        Self(vec![[Time::ZERO; 4]; devices])
+        Self(vec![Time::ZERO; 4 * devices])
     }
 
-    /// Takes a frame of this duration that arrives at `at` at a port; returns when it does, if the
-    /// port is not free yet.
+    /// The place of a port.
+    pub fn place(device: usize, port: PortNumber) -> u32 {
+        (4 * device + port.index()) as u32
+    }
+
+    /// The SubDevice of a place.
+    fn device(place: u32) -> usize {
+        place as usize / 4
+    }
+
+    /// Takes a frame of this duration that arrives at `at` at the port of a [place](Self::place);
+    /// returns when it does, if the port is not free yet.
     #[inline]
-    pub fn take(
-        &mut self,
-        (device, port): (usize, PortNumber),
-        at: Time<True>,
-        duration: Picos,
-    ) -> Time<True> {
-        let free = &mut self.0[device][port.index()];
-        let at = if at + MOST_PUT_OFF < *free { at } else { at.max(*free) };
-        *free = at + duration + LEAST_GAP;
+    pub fn take(&mut self, place: u32, at: Time<True>, duration: Picos) -> Time<True> {
+        let free = &mut self.0[place as usize];
+        let mut at = at;
+        if *free > at && *free <= at + MOST_PUT_OFF {
+            at = *free;
+        }
+        *free = at + (duration + LEAST_GAP);
         at
     }
 }
@@ -212,7 +220,8 @@ impl Path {
             at -= sooner;
             let arrival = Arrival { device, port, after: at };
             let entry = turn.processed;
-            path.steps.push(Step { takes: at - before, edges, device, port, entry });
+            let place = Ports::place(device, port);
+            path.steps.push(Step { takes: at - before, edges, place, entry });
             before = at;
             let stay = wiring.stay(device);
             if turn.processed {
@@ -244,18 +253,17 @@ impl Path {
             return;
         }
         let (mut entries, mut returns) = (self.entries.iter_mut(), self.returns.iter_mut());
-        let mut at = Picos::ZERO;
+        let mut at = start;
         for step in &self.steps {
-            at += step.takes;
-            at += step.edges.wait(oscillator(step.device), start + at);
-            at = ports.take((step.device, step.port), start + at, duration) - start;
+            at = step.edges.forward(at + step.takes, || oscillator(Ports::device(step.place)));
+            at = ports.take(step.place, at, duration);
             let arrival = if step.entry { entries.next() } else { returns.next() };
             if let Some(arrival) = arrival {
-                arrival.after = at;
+                arrival.after = at - start;
             }
         }
         if self.end.is_some() {
-            self.round_trip = at + self.last_step;
+            self.round_trip = at - start + self.last_step;
         }
     }
 }

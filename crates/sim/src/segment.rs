@@ -1,6 +1,6 @@
 //! The segment: SubDevices in their tree, and frames passing through them.
 
-use isocat_esc::{Chip, Passing};
+use isocat_esc::{Chip, CyclicFrame, Passing};
 use isocat_subdevice::Misbehaviour;
 use isocat_wire::address::PortNumber;
 use isocat_wire::datagram::datagrams;
@@ -15,6 +15,7 @@ use crate::fault::RING_CABLE;
 use crate::flight::{Flight, duration};
 use crate::jitter::{self, Edges};
 use crate::next_frame::NextFrame;
+use crate::oscillator::Bend;
 use crate::path::{Arrival, Loops, Path, Ports, Reception};
 use crate::plant::{Acted, PlantSetup};
 use crate::probe::{Probed, Probes, Sight};
@@ -92,6 +93,8 @@ pub struct Segment {
     audiences: [Audience; 2],
     /// The datagrams of the present frame.
     items: Vec<Item>,
+    /// The present frame, if it is a cyclic one.
+    pub(crate) cyclic: Option<CyclicFrame>,
     /// By SubDevice: whether the present frame latches receive times.
     pub(crate) latched: Vec<bool>,
     any_latched: bool,
@@ -174,6 +177,7 @@ impl Segment {
             unsettled: false,
             audiences: [Audience::new(0), Audience::new(0)],
             items: Vec::with_capacity(128),
+            cyclic: None,
             latched: vec![false; count],
             any_latched: false,
             next_frame: NextFrame::new(exists),
@@ -285,6 +289,13 @@ impl Segment {
         self.forget_audiences();
         self.devices[index].disturbed();
         &mut self.devices[index]
+    }
+
+    /// Changes the speed of a SubDevice's oscillator; see [`Device::bend_clock`]. Its ports forward
+    /// frames by this oscillator.
+    pub(crate) fn bend_clock(&mut self, index: usize, bends: &[Bend]) {
+        self.device_mut(index).bend_clock(bends);
+        self.stale = true;
     }
 
     /// The cables and delays.
@@ -544,6 +555,7 @@ impl Segment {
         watch: &mut Watcher,
     ) {
         let visits = self.audiences[from as usize].gather(items);
+        self.find_cyclic(items);
         let places = self.paths[from as usize].entries.len();
         let mut watched = self.watched_places(from).into_iter().peekable();
         for number in 0..visits.unwrap_or(places) {
@@ -561,6 +573,7 @@ impl Segment {
                 self.look((from, place), true, items, (bytes, offset), times.0);
             }
         }
+        self.count_cyclic(items);
         for passed in watched {
             self.look((from, passed), false, items, (bytes, offset), times.0);
             self.look((from, passed), true, items, (bytes, offset), times.0);
@@ -664,6 +677,14 @@ impl Segment {
         let esc = &mut device.esc;
         // Since the audience was gathered, only a reset by the device itself is possible.
         audience.update(place, esc.reach_version(), || esc.reach());
+        if let Some(frame) = &mut self.cyclic {
+            let sent = self.copy_of.unwrap_or(start);
+            let end = device.oscillator().read(end + entry.after);
+            if device.pass_cyclic((begin, end), sent, frame, place, payload) {
+                return;
+            }
+        }
+        let esc = &mut device.esc;
         esc.begin_good_frame(begin);
         let mut latch = false;
         for item in items {
@@ -887,7 +908,8 @@ impl Segment {
         }
         let esc = &self.devices[device].esc;
         let receiver = esc.chip().receiver(port, esc.register(register::DL_CONTROL));
-        let edges = Edges::new(receiver.period, self.receive_phases[device]);
+        let oscillator = self.devices[device].oscillator();
+        let edges = Edges::new(receiver.period, self.receive_phases[device], oscillator);
         Reception { edges, sooner: receiver.reduction }
     }
 
@@ -901,9 +923,13 @@ impl Segment {
     ) -> Time<True> {
         let Reception { edges, sooner } = self.reception(device, port);
         let at = at + Picos(-sooner.0);
-        let at = at + edges.wait(self.devices[device].oscillator(), at);
+        let at = edges.forward(at, || self.devices[device].oscillator());
         // Without jitter gaps stay as they are.
-        if edges.are_there() { self.ports.take((device, port), at, duration) } else { at }
+        if edges.are_there() {
+            self.ports.take(Ports::place(device, port), at, duration)
+        } else {
+            at
+        }
     }
 
     /// Computes the ways of frames at `at` again.

@@ -26,14 +26,14 @@ pub(crate) type Occasion = (Event, bool, bool, bool);
 /// The steps that were last started, by event: see
 /// [`SubDevice::handle_event_prepared`](crate::SubDevice::handle_event_prepared). With each the
 /// caller may keep something that it has made of them.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Prepared<T> {
     version: u32,
     kept: [Option<Kept<T>>; EVENTS],
     once: Steps,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Kept<T> {
     occasion: Occasion,
     begins: Begins,
@@ -48,11 +48,17 @@ pub struct Started<'p, T> {
     /// What the caller has made of them and kept here; `None` if the steps are new. The place is
     /// missing where steps are not kept.
     pub made: Option<&'p mut Option<T>>,
+    /// Where it is kept: see [`Prepared::made`].
+    pub place: Place,
 }
+
+/// A place of [`Prepared`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Place(u8);
 
 impl<T> Started<'_, T> {
     /// No steps.
-    pub(crate) const NOTHING: Self = Self { steps: &Steps::EMPTY, made: None };
+    pub(crate) const NOTHING: Self = Self { steps: &Steps::EMPTY, made: None, place: Place(0) };
 }
 
 impl<T> Prepared<T> {
@@ -69,23 +75,30 @@ impl<T> Prepared<T> {
         occasion: Occasion,
         version: u32,
         find: impl FnOnce() -> Begins,
-    ) -> (&Begins, &mut Option<T>) {
+    ) -> (&Begins, &mut Option<T>, Place) {
         if self.version != version {
             self.version = version;
             self.kept = [const { None }; EVENTS];
         }
-        let kept = &mut self.kept[place(occasion.0)];
+        let place = place(occasion);
+        let kept = &mut self.kept[usize::from(place.0)];
         if kept.as_ref().is_none_or(|kept| kept.occasion != occasion) {
             *kept = None;
         }
         let kept = kept.get_or_insert_with(|| Kept { occasion, begins: find(), made: None });
-        (&kept.begins, &mut kept.made)
+        (&kept.begins, &mut kept.made, place)
+    }
+
+    /// What the caller has made of the steps that are kept at this place.
+    #[inline]
+    pub fn made(&self, place: Place) -> Option<&T> {
+        self.kept.get(usize::from(place.0))?.as_ref()?.made.as_ref()
     }
 
     /// Keeps steps for this event only.
     pub(crate) fn keep(&mut self, steps: Steps) -> Started<'_, T> {
         self.once = steps;
-        Started { steps: &self.once, made: None }
+        Started { steps: &self.once, made: None, place: Place(0) }
     }
 }
 
@@ -95,13 +108,14 @@ impl<T> Default for Prepared<T> {
     }
 }
 
-/// The place of an event: a mode has steps for at most one event other than SYNC.
-const fn place(event: Event) -> usize {
-    match event {
+/// The place of an occasion: a mode has steps for at most one event other than SYNC.
+const fn place((event, last_sync0, _, _): Occasion) -> Place {
+    Place(match event {
         Event::Sm2 | Event::Sm3 | Event::Timer => 0,
+        Event::Sync0 if last_sync0 => 3,
         Event::Sync0 => 1,
         Event::Sync1 => 2,
-    }
+    })
 }
 
-const EVENTS: usize = 3;
+const EVENTS: usize = 4;

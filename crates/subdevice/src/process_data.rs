@@ -77,8 +77,15 @@ impl Buffers {
     }
 
     /// Bytes of the image, at most [`MAX_PROCESS_DATA`].
+    #[inline]
     fn length(&self) -> usize {
         usize::from(self.length)
+    }
+
+    /// The start address of the only buffer, if there is one only.
+    #[inline]
+    fn single(&self) -> Option<u16> {
+        (self.used == 1).then(|| self.all[0].start)
     }
 
     /// For each used buffer: its start address, and its bytes in an image of `image` bytes.
@@ -123,6 +130,10 @@ impl ProcessData {
     /// Reads the outputs. One access to a whole buffer opens and closes it.
     #[inline]
     pub fn fetch_outputs(&self, image: &mut [u8], pdi: &mut impl Pdi) {
+        if let Some(start) = self.outputs.single() {
+            let length = self.outputs.length().min(image.len());
+            return pdi.read(start, &mut image[..length]);
+        }
         for (start, bytes) in self.outputs.places(image.len()) {
             pdi.read(start, &mut image[bytes]);
         }
@@ -143,6 +154,10 @@ impl ProcessData {
     /// Writes the inputs. One access to a whole buffer opens and closes it.
     #[inline]
     pub fn store_inputs(&self, image: &[u8], pdi: &mut impl Pdi) {
+        if let Some(start) = self.inputs.single() {
+            let length = self.inputs.length().min(image.len());
+            return pdi.write(start, &image[..length]);
+        }
         for (start, bytes) in self.inputs.places(image.len()) {
             pdi.write(start, &image[bytes]);
         }
@@ -154,6 +169,7 @@ impl ProcessData {
     }
 
     /// The outputs that were fetched last.
+    #[inline]
     pub fn outputs<'a>(&self, image: &'a [u8]) -> &'a [u8] {
         &image[..self.outputs.length().min(image.len())]
     }
@@ -164,6 +180,7 @@ impl ProcessData {
     }
 
     /// The inputs to be written.
+    #[inline]
     pub fn inputs<'a>(&self, image: &'a mut [u8]) -> &'a mut [u8] {
         let length = self.inputs.length().min(image.len());
         &mut image[..length]

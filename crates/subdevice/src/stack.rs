@@ -265,7 +265,13 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// Whether the steps of a counted event start. A pulse that ends OP starts no outputs any more;
     /// the next one starts the cycle again.
     #[inline(always)]
-    fn stays(&mut self, now: Time<Device>, event: Event, op: bool, pdi: &mut impl Pdi) -> bool {
+    pub(crate) fn stays(
+        &mut self,
+        now: Time<Device>,
+        event: Event,
+        op: bool,
+        pdi: &mut impl Pdi,
+    ) -> bool {
         if !matches!(event, Event::Sync0 | Event::Sync1) {
             return true;
         }
@@ -369,11 +375,14 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// Whether it is [settled](Self::is_settled), does not misbehave, and its cycle runs as it
     /// should: then an event accesses only the process data, and only a SYNC pulse can end OP.
+    /// Where missed events are the balance of events and pulses, an SM event could end it too:
+    /// such a device is never regular.
     #[inline]
     pub fn is_regular(&self) -> bool {
         self.is_settled()
             && !self.sync.sequence_lost()
             && !self.sync.acknowledges_sync()
+            && !self.sync.balances()
             && self.description().behaviour.faults().is_empty()
     }
 
@@ -419,12 +428,12 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 
     /// AL event of waiting outputs.
-    fn output_event(&self) -> u32 {
+    pub(crate) fn output_event(&self) -> u32 {
         al_event::sync_manager(self.description().outputs.sync_manager.into())
     }
 
     #[inline(always)]
-    fn hand_over_inputs(&mut self, pdi: &mut impl Pdi) {
+    pub(crate) fn hand_over_inputs(&mut self, pdi: &mut impl Pdi) {
         let image = self.dictionary.images_mut().inputs;
         self.application.map_inputs(self.process_data.inputs(image));
         self.process_data.store_inputs(image, pdi);

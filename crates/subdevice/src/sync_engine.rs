@@ -285,12 +285,12 @@ impl SyncEngine {
         if !last_sync0 && self.starting & 1 << event as u8 == 0 {
             return Some(Started::NOTHING);
         }
-        let (begins, made) =
+        let (begins, made, place) =
             prepared.of((event, last_sync0, new_outputs, op), self.version, || {
                 self.begins(event, last_sync0, new_outputs, op)
             });
         if self.take_up(now, begins) {
-            Some(Started { steps: &begins.steps, made: Some(made) })
+            Some(Started { steps: &begins.steps, made: Some(made), place })
         } else if event == Event::Sm2 {
             None
         } else {
@@ -400,6 +400,24 @@ impl SyncEngine {
             self.measurement.ends(now, step);
         }
         was_running
+    }
+
+    /// Whether missed events are the balance of events and pulses.
+    #[inline]
+    pub(crate) fn balances(&self) -> bool {
+        self.settings.rule == MissedEvents::Balance
+    }
+
+    /// Whether times are measured.
+    #[inline]
+    pub(crate) fn measures(&self) -> bool {
+        self.measurement.is_on()
+    }
+
+    /// A step that an event started was done as a whole. Its times are not measured.
+    #[inline(always)]
+    pub(crate) fn ran(&mut self, step: Step) {
+        self.running &= !bit(step);
     }
 
     /// Called when the outputs are mapped. Returns `false` if they missed their SYNC0.

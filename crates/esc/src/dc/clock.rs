@@ -57,6 +57,10 @@ impl Clock {
         // Counting from `from` keeps the numbers small.
         let clock = self.rebased(from_tick);
         let target = span as u64;
+        if target < SOON && clock.base == from_tick {
+            let (ticks, advance) = clock.soon(target as u32);
+            return (Time::new((clock.base + u64::from(ticks)) * TICK), Some(advance.into()));
+        }
         // Estimate with the mean speed, then correct: the phases of the dividers shift it by a few
         // ticks.
         let (plus, minus) = (u64::from(clock.gain.period), u64::from(clock.loss.period));
@@ -90,6 +94,54 @@ impl Clock {
         (Time::new((clock.base + ticks) * TICK), passed)
     }
 
+    /// The first number of ticks since the base in which the local time gains `target`, which is
+    /// below [`SOON`], and what it gains in them: [`Self::passed`] in numbers of 32 bits.
+    #[inline]
+    fn soon(&self, target: u32) -> (u32, u32) {
+        let (plus, minus) = (u64::from(self.gain.period), u64::from(self.loss.period));
+        let area = plus * minus;
+        // A period has 15 bits, so the product has no more than 61.
+        let mut ticks = (u64::from(target) * area / (TICK * area + minus - plus)) as u32;
+        let mut advance = self.gain_of(ticks);
+        while advance >= target && ticks > 0 {
+            if advance - target < TICK as u32 - 1 {
+                break;
+            }
+            let before = self.gain_of(ticks - 1);
+            if before < target {
+                break;
+            }
+            (ticks, advance) = (ticks - 1, before);
+        }
+        while advance < target {
+            ticks += 1;
+            advance = self.gain_of(ticks);
+        }
+        (ticks, advance)
+    }
+
+    /// [`Self::advance`] of a number of ticks that is below [`SOON`] / 5.
+    #[inline]
+    fn gain_of(&self, ticks: u32) -> u32 {
+        let pulses = |divider: &Divider| match ticks.checked_sub(divider.left) {
+            Some(rest) => 1 + rest / divider.period,
+            None => 0,
+        };
+        ticks * TICK as u32 + pulses(&self.gain) - pulses(&self.loss)
+    }
+
+    /// Counts from `now` on, which is not before the last change of speed; otherwise nothing is
+    /// done. Returns the local time at the base.
+    #[inline]
+    pub fn count_from(&mut self, now: Time<Device>) -> Option<u64> {
+        let tick = tick(now);
+        if tick < self.base {
+            return None;
+        }
+        *self = self.rebased(tick);
+        Some(self.local)
+    }
+
     /// Sets another speed from `now` on, and moves the local time by `step` ns. The dividers keep
     /// their phase: a new period counts from their next pulse on.
     #[inline]
@@ -101,18 +153,19 @@ impl Clock {
     }
 
     /// The same clock counted from `tick` on, but not from before its last change of speed.
+    #[inline]
     fn rebased(&self, tick: u64) -> Self {
         let base = tick.max(self.base);
         let ticks = base - self.base;
         if ticks == 0 {
             return *self;
         }
-        Self {
-            base,
-            local: self.local.wrapping_add(self.advance(ticks)),
-            gain: self.gain.after(ticks),
-            loss: self.loss.after(ticks),
-        }
+        let ((gained, gain), (lost, loss)) = match u32::try_from(ticks) {
+            Ok(ticks) => (self.gain.pass_short(ticks), self.loss.pass_short(ticks)),
+            Err(_) => (self.gain.pass(ticks), self.loss.pass(ticks)),
+        };
+        let advance = ticks.wrapping_mul(TICK).wrapping_add(gained).wrapping_sub(lost);
+        Self { base, local: self.local.wrapping_add(advance), gain, loss }
     }
 
     /// Nanoseconds that the local time gains in the first `ticks` since the base.
@@ -152,13 +205,27 @@ impl Divider {
         }
     }
 
-    /// The same counter `ticks` later.
-    fn after(&self, ticks: u64) -> Self {
-        let left = match ticks.checked_sub(u64::from(self.left)) {
-            Some(rest) => self.period - divide(rest, self.period).1,
-            None => self.left - ticks as u32,
-        };
-        Self { left, ..*self }
+    /// Pulses in the first `ticks`, and the same counter behind them.
+    fn pass(&self, ticks: u64) -> (u64, Self) {
+        match ticks.checked_sub(u64::from(self.left)) {
+            Some(rest) => {
+                let (whole, rest) = divide(rest, self.period);
+                (1 + whole, Self { left: self.period - rest, ..*self })
+            }
+            None => (0, Self { left: self.left - ticks as u32, ..*self }),
+        }
+    }
+
+    /// The same for a number of ticks of 32 bits.
+    #[inline]
+    fn pass_short(&self, ticks: u32) -> (u64, Self) {
+        match ticks.checked_sub(self.left) {
+            Some(rest) => {
+                let left = self.period - rest % self.period;
+                (1 + u64::from(rest / self.period), Self { left, ..*self })
+            }
+            None => (0, Self { left: self.left - ticks, ..*self }),
+        }
     }
 }
 
@@ -180,5 +247,7 @@ pub(crate) fn ceil(at: Time<Device>) -> Time<Device> {
     Time::new(at.count().div_ceil(TICK).saturating_mul(TICK))
 }
 
+/// A span of local time, ns, that fits into 32 bits with all that is counted on the way.
+const SOON: u64 = 1 << 30;
 /// More ticks than any run has (2900 years).
 const FAR: u64 = u64::MAX / TICK / 20;

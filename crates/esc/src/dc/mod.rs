@@ -294,7 +294,11 @@ impl DcUnit {
         received: [u8; 4],
         registers: &mut Registers,
     ) {
-        let copy = (self.system(start) as u32).wrapping_sub(self.delay);
+        let system = match self.clock.count_from(start) {
+            Some(local) => local.wrapping_add(self.offset),
+            None => self.system(start),
+        };
+        let copy = (system as u32).wrapping_sub(self.delay);
         self.steer((start, end), copy, u32::from_le_bytes(received), registers);
     }
 

@@ -9,7 +9,7 @@ use crate::cpu::{Part, Plan};
 pub(super) struct Present {
     /// The event.
     pub at: Time<Device>,
-    plan: Plan,
+    plan: Box<Plan>,
     /// Number of the next part.
     next: usize,
     /// Whether the step of that part has begun.
@@ -20,8 +20,10 @@ pub(super) struct Present {
 
 impl Present {
     /// Nothing.
-    pub const NONE: Self =
-        Self { at: Time::ZERO, plan: Plan::NONE, next: 0, half: false, due: Time::NEVER };
+    pub fn none() -> Self {
+        let plan = Box::new(Plan::NONE);
+        Self { at: Time::ZERO, plan, next: 0, half: false, due: Time::NEVER }
+    }
 
     /// Removes all that is left.
     pub fn clear(&mut self) {
@@ -43,15 +45,6 @@ impl Present {
     /// The plan, the number of its next part, and whether the step of that part has begun.
     pub fn rest(&self) -> (&Plan, usize, bool) {
         (&self.plan, self.next, self.half)
-    }
-
-    /// Takes the plan of an event at `at`.
-    #[inline]
-    pub fn take(&mut self, at: Time<Device>, plan: &Plan) {
-        self.at = at;
-        self.plan.copy(plan);
-        (self.next, self.half) = (0, false);
-        self.note_due();
     }
 
     /// Takes the plan that `make` writes, of an event at `at`.

@@ -6,14 +6,17 @@
 //! take over after each event and each step.
 
 use isocat_esc::EscEvent;
-use isocat_subdevice::{Event, Step};
+use isocat_subdevice::{Event, Place, Step};
 use isocat_wire::AlState;
 use isocat_wire::time::{Device as DeviceClock, Time};
 
 use super::Device;
-use crate::cpu::{Action, Plan, What};
+use crate::cpu::{Action, Plan, Sequence, What};
 use crate::observation::{Content, Observed};
 use crate::watcher::Watcher;
+
+/// The steps of an event as a sequence, if they never vary; `None` if they are none.
+pub(super) type Kept = Option<Sequence>;
 
 /// Why the short way ends.
 #[derive(PartialEq, Eq)]
@@ -55,9 +58,12 @@ impl Device {
         worked: &mut Option<Time<DeviceClock>>,
         watch: &mut Watcher,
     ) -> End {
+        if !self.cpu.is_idle() {
+            return End::Irregular;
+        }
         loop {
             let Some((frame, sync)) = self.esc.cyclic_dues() else { return End::Irregular };
-            if self.esc.rest_until().min(self.timeout) <= limit || !self.cpu.is_idle() {
+            if self.esc.rest_until().min(self.timeout) <= limit {
                 return End::Irregular;
             }
             let at = frame.min(sync);
@@ -69,17 +75,27 @@ impl Device {
             if at > limit {
                 return End::Done;
             }
+            let mut started: Option<Place> = None;
             if frame > sync {
-                match self.esc.step_sync() {
-                    Some(EscEvent::Sync0) => self.sync(at, Event::Sync0, Observed::Sync0, watch),
-                    Some(EscEvent::Sync1) => self.sync(at, Event::Sync1, Observed::Sync1, watch),
+                let (event, observed) = match self.esc.step_sync() {
+                    Some(EscEvent::Sync0) => (Event::Sync0, Observed::Sync0),
+                    Some(EscEvent::Sync1) => (Event::Sync1, Observed::Sync1),
                     _ => {
                         self.look_for_lost_pulses(at, watch);
                         continue;
                     }
-                }
+                };
+                self.report(at, observed, Content::default(), watch);
+                let is_alone = self.start(at, event, &mut started);
+                self.look_in_lane(at, watch);
                 *worked = Some(at);
+                if !is_alone {
+                    return End::Irregular;
+                }
                 if self.stack.state() != AlState::Op {
+                    if let Some(place) = started {
+                        self.begin_later(at, place);
+                    }
                     return End::Irregular;
                 }
             } else {
@@ -97,63 +113,143 @@ impl Device {
                     return End::Irregular;
                 }
                 let content = Content { frame: self.frame, ..Content::default() };
+                *worked = Some(at);
+                let mut is_alone = true;
                 if events & outputs != 0 {
                     self.report(at, Observed::Sm2, content, watch);
-                    self.start(at, Event::Sm2);
+                    is_alone = self.start(at, Event::Sm2, &mut started);
                 }
                 if events & inputs != 0 {
                     let sync_manager = self.stack.description().inputs.sync_manager;
                     let latched = Time::new(self.esc.label(sync_manager));
                     self.report(at, Observed::Sm3, Content { latched, ..content }, watch);
-                    self.start(at, Event::Sm3);
+                    is_alone &= self.start(at, Event::Sm3, &mut started);
                 }
-                *worked = Some(at);
+                if !is_alone {
+                    return End::Irregular;
+                }
+            }
+            if let Some(place) = started {
+                self.follow(at, place, limit, worked, watch);
             }
         }
     }
 
-    /// A SYNC pulse.
+    /// Takes what an event starts. `false`: steps of two events overlap, and are on the agenda of
+    /// the CPU. `started`: a sequence that begins now.
     #[inline(always)]
-    fn sync(
-        &mut self,
-        at: Time<DeviceClock>,
-        event: Event,
-        observed: Observed,
-        watch: &mut Watcher,
-    ) {
-        self.report(at, observed, Content::default(), watch);
-        self.start(at, event);
-        self.look_in_lane(at, watch);
-    }
-
-    /// Takes what an event starts.
-    #[inline(always)]
-    fn start(&mut self, at: Time<DeviceClock>, event: Event) {
+    fn start(&mut self, at: Time<DeviceClock>, event: Event, started: &mut Option<Place>) -> bool {
         let pdi = &mut self.esc.pdi_in_lane(at);
-        let started = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
-        if started.steps.is_empty() {
-            return;
+        let begun = self.stack.handle_regular_event(at, event, pdi, &mut self.prepared);
+        if begun.steps.is_empty() {
+            return true;
         }
-        let is_free = self.present.is_over();
-        match started.made {
+        let is_free = self.present.is_over() && started.is_none();
+        match begun.made {
             Some(kept) if is_free && self.cpu.is_even() => {
-                let plan = kept.get_or_insert_with(|| {
+                let sequence = kept.get_or_insert_with(|| {
                     let mut plan = Plan::NONE;
-                    self.cpu.plan(started.steps, None, &mut plan);
-                    plan
+                    self.cpu.plan(begun.steps, None, &mut plan);
+                    Sequence::of(&plan)
                 });
-                self.present.take(at, plan);
+                if sequence.is_some() {
+                    *started = Some(begun.place);
+                } else {
+                    self.present.take_new(at, |plan| self.cpu.plan(begun.steps, None, plan));
+                }
             }
             _ if is_free => {
-                self.present.take_new(at, |plan| self.cpu.plan(started.steps, None, plan));
+                self.present.take_new(at, |plan| self.cpu.plan(begun.steps, None, plan));
             }
             _ => {
                 // Two events overlap.
+                let steps = *begun.steps;
+                if let Some(place) = started.take() {
+                    self.begin_later(at, place);
+                }
                 let (before, from, half) = self.present.rest();
                 self.cpu.put(self.present.at, before, from, half);
                 self.present.clear();
-                self.cpu.start(at, started.steps, None);
+                self.cpu.start(at, &steps, None);
+                return false;
             }
+        }
+        true
+    }
+
+    #[inline]
+    fn sequence(&self, place: Place) -> Option<&Sequence> {
+        self.prepared.made(place)?.as_ref()
+    }
+
+    /// Leaves all steps of a sequence for later.
+    fn begin_later(&mut self, at: Time<DeviceClock>, place: Place) {
+        if let Some(&sequence) = self.sequence(place) {
+            self.present.take_new(at, |plan| plan.take_sequence(&sequence));
+        }
+    }
+
+    /// Does the steps that an event has started, if all of them end before anything else happens.
+    #[inline(always)]
+    fn follow(
+        &mut self,
+        at: Time<DeviceClock>,
+        place: Place,
+        limit: Time<DeviceClock>,
+        worked: &mut Option<Time<DeviceClock>>,
+        watch: &mut Watcher,
+    ) {
+        let Some(&sequence) = self.sequence(place) else { return };
+        let end = at + sequence.end();
+        let alone = self.esc.cyclic_dues().is_some_and(|(frame, sync)| end <= frame.min(sync));
+        if !alone || end > limit || !self.stack.does_whole_steps() {
+            return self.begin_later(at, place);
+        }
+        for (number, (step, after, until)) in sequence.steps().enumerate() {
+            let (begin, end) = (at + after, at + until);
+            // A buffer that changed hands may have started a watchdog.
+            if self.esc.rest_until() <= limit {
+                self.begin_later(at, place);
+                return self.present.go_on(number, false, begin);
+            }
+            *worked = Some(end);
+            if step == Step::LatchInputs {
+                self.esc.label_pdi(begin.count());
+            }
+            let content = match step {
+                Step::MapOutputs => {
+                    let pdi = &mut self.esc.pdi_in_lane(begin);
+                    self.stack.whole_step(end, Step::MapOutputs, pdi);
+                    let label = self.esc.label(self.stack.description().outputs.sync_manager);
+                    self.fetched = Time::new(label);
+                    let content = Content { frame: self.fetched, ..Content::default() };
+                    self.report(begin, Observed::Began(step), content, watch);
+                    self.outputs_mapped();
+                    self.report(end, Observed::Finished(step), content, watch);
+                    continue;
+                }
+                Step::MapInputs => {
+                    let pdi = &mut self.esc.pdi_in_lane(end);
+                    self.stack.whole_step(end, Step::MapInputs, pdi);
+                    Content::default()
+                }
+                Step::OutputsValid => {
+                    self.stack.whole_step(end, Step::OutputsValid, &mut super::Nowhere);
+                    let acted = self.application().take_acted();
+                    let frame = if acted { self.mapped } else { Time::ZERO };
+                    Content { frame, ..Content::default() }
+                }
+                Step::Application => {
+                    self.stack.whole_step(end, Step::Application, &mut super::Nowhere);
+                    Content::default()
+                }
+                Step::LatchInputs => {
+                    self.stack.whole_step(end, Step::LatchInputs, &mut super::Nowhere);
+                    Content::default()
+                }
+            };
+            self.report(begin, Observed::Began(step), content, watch);
+            self.report(end, Observed::Finished(step), Content::default(), watch);
         }
     }
 

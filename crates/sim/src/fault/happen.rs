@@ -287,7 +287,7 @@ impl Scene<'_> {
 
     fn bend(&mut self, whose: Whose, bends: &[crate::oscillator::Bend]) {
         match (whose, &mut self.host) {
-            (Whose::Device(device), _) => self.segment.device_mut(device).bend_clock(bends),
+            (Whose::Device(device), _) => self.segment.bend_clock(device, bends),
             (Whose::Host, Some(host)) => host.bend_clock(bends),
             (Whose::Host, None) => {}
         }

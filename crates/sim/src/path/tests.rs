@@ -50,13 +50,13 @@ fn frames_do_not_overlap_at_a_port() {
     let mut ports = Ports::new(2);
     let at = |ps: u64| Time::new(1_000_000_000 + ps);
     let long = Picos(7_000_000);
-    assert_eq!(ports.take((1, P0), at(0), long), at(0));
-    assert_eq!(ports.take((1, P0), at(7_039_999), long), at(7_040_000));
-    assert_eq!(ports.take((1, P0), at(14_080_000), long), at(14_080_000));
-    assert_eq!(ports.take((1, P1), at(1), long), at(1), "another port");
-    assert_eq!(ports.take((0, P0), at(2), long), at(2), "another SubDevice");
-    assert_eq!(ports.take((1, P0), at(20_120_000), long), at(21_120_000));
-    assert_eq!(ports.take((1, P0), at(27_159_999), long), at(27_159_999));
+    assert_eq!(ports.take(Ports::place(1, P0), at(0), long), at(0));
+    assert_eq!(ports.take(Ports::place(1, P0), at(7_039_999), long), at(7_040_000));
+    assert_eq!(ports.take(Ports::place(1, P0), at(14_080_000), long), at(14_080_000));
+    assert_eq!(ports.take(Ports::place(1, P1), at(1), long), at(1), "another port");
+    assert_eq!(ports.take(Ports::place(0, P0), at(2), long), at(2), "another SubDevice");
+    assert_eq!(ports.take(Ports::place(1, P0), at(20_120_000), long), at(21_120_000));
+    assert_eq!(ports.take(Ports::place(1, P0), at(27_159_999), long), at(27_159_999));
 }
 
 /// The whole order 0 → EPU → 3 → 1 → 2 → 0, from each port, with all ports open, with one closed,

@@ -43,6 +43,8 @@ pub struct Uncertainty {
 #[derive(Clone, Debug)]
 pub struct Servo {
     settings: Settings,
+    /// Samples that a line of noisy stamps remembers, by the settings.
+    window: u32,
     state: State,
     line: Line,
     fit: Fit,
@@ -81,6 +83,7 @@ impl Servo {
     /// A servo without samples.
     pub fn new(settings: Settings) -> Self {
         Self {
+            window: settings.window(),
             settings,
             state: State::Free,
             line: Line::default(),
@@ -116,8 +119,9 @@ impl Servo {
                 self.line = fit.sample(&self.line, host, interval, error, bandwidth_hz);
             }
             Fit::Early(fit) => {
-                let window = self.settings.window();
-                self.line = fit.sample(&self.line, (host, dc), window, stamp_noise);
+                if let Some(line) = fit.sample(&self.line, (host, dc), self.window, stamp_noise) {
+                    self.line = line;
+                }
             }
         }
         self.last_sample = host;
@@ -221,8 +225,10 @@ impl Servo {
         self.last_sample = host;
         self.line = Line { host, dc, fraction: 0.0, rate };
         if let Fit::Early(fit) = &mut self.fit {
-            let window = self.settings.window();
-            self.line = fit.sample(&self.line, (host, dc), window, self.settings.stamp_noise);
+            let noise = self.settings.stamp_noise;
+            if let Some(line) = fit.sample(&self.line, (host, dc), self.window, noise) {
+                self.line = line;
+            }
         }
     }
 

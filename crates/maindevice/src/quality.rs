@@ -26,6 +26,7 @@ mod background;
 mod clocks;
 mod objects;
 mod pace;
+mod reads;
 mod ring;
 mod snapshot;
 #[cfg(test)]
@@ -37,8 +38,8 @@ pub use clocks::{ClockQuality, Reading, Registers, Wanted};
 pub use objects::{EntryQuality, ObjectQuality};
 pub use snapshot::{DeviceQuality, Margin, Moment, Snapshot};
 
-pub(crate) use clocks::read;
 pub use pace::wire_time;
+pub(crate) use reads::Reads;
 use snapshot::Record;
 
 /// Watches a segment in operation.
@@ -69,14 +70,23 @@ impl Monitor {
         Self { began: now, unled_cycles: config.unled_cycles, background, record, unled: false }
     }
 
-    /// Whether something is due.
-    pub fn is_due(&self, now: Time<Host>, cycle: u64) -> bool {
-        self.background.is_due(now) || self.record.is_due(cycle)
+    /// Whether something is due; `unled` is the number of cycles that [`Self::guidance`] takes.
+    #[inline]
+    pub fn is_due(&self, now: Time<Host>, cycle: u64, unled: Option<u64>) -> bool {
+        self.background.is_due(now)
+            || self.record.is_due(cycle)
+            || unled.is_some_and(|cycles| (cycles >= self.unled_cycles) != self.unled)
     }
 
-    /// The clocks to read now; empty if it is not time.
-    pub fn clocks_to_read(&mut self, now: Time<Host>) -> Vec<Wanted> {
-        self.background.clocks_to_read(now)
+    /// The clocks to read now, as many as fit into a frame of `most` bytes, into the empty
+    /// `wanted`; none if it is not time.
+    pub fn clocks_to_read(&mut self, now: Time<Host>, most: usize, wanted: &mut Vec<Wanted>) {
+        self.background.clocks_to_read_in(now, most, wanted);
+    }
+
+    /// Whether an entry is due.
+    pub fn has_entry_to_read(&self, now: Time<Host>) -> bool {
+        self.background.has_entry_to_read(now)
     }
 
     /// Takes the answer of a clock; returns the alarms that come or end.

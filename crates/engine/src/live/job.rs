@@ -224,6 +224,7 @@ impl Job {
             questions: None,
             began: None,
             engine: None,
+            received: 0,
             judged: None,
         };
         let mut devices = Vec::new();
@@ -310,6 +311,8 @@ struct Running<'a> {
     /// The instant when all SubDevices were in OP; judging starts there.
     began: Option<Time<Host>>,
     engine: Option<Engine>,
+    /// Number of frames that had come back when the engine last took the data.
+    received: u64,
     /// Duration of the judged time, once it is over.
     judged: Option<Nanos>,
 }
@@ -458,8 +461,14 @@ impl Running<'_> {
         }
     }
 
-    /// Takes the events, and passes them and the received data to the verdict engine.
+    /// Takes the events, and passes them and the received data to the verdict engine, if there are
+    /// any.
     fn take_events(&mut self, now: Time<Host>) {
+        let received = self.exchange.main().counts().frames_received;
+        if received == self.received && !self.exchange.has_event() {
+            return;
+        }
+        self.received = received;
         let at = self.began.map(|began| now - began);
         while let Some(event) = self.exchange.poll_event() {
             self.tell(&event);

@@ -51,7 +51,26 @@ impl Background {
 
     /// The clocks to read now; empty if it is not time.
     pub fn clocks_to_read(&mut self, now: Time<Host>) -> Vec<Wanted> {
-        if self.clocks.is_due(now) { self.clocks.batch(now) } else { Vec::new() }
+        let mut wanted = Vec::new();
+        self.clocks_to_read_in(now, usize::MAX, &mut wanted);
+        wanted
+    }
+
+    /// The same into the empty `wanted`, as many as fit into a frame of `most` bytes.
+    pub(super) fn clocks_to_read_in(
+        &mut self,
+        now: Time<Host>,
+        most: usize,
+        wanted: &mut Vec<Wanted>,
+    ) {
+        if self.clocks.is_due(now) {
+            self.clocks.batch(now, most, wanted);
+        }
+    }
+
+    /// Whether an entry is due.
+    pub(super) fn has_entry_to_read(&self, now: Time<Host>) -> bool {
+        self.objects.is_due(now)
     }
 
     /// Takes the answer of a clock, `None` without an answer; returns the alarms that come or end.

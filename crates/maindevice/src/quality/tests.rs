@@ -34,6 +34,12 @@ fn monitor(clocks: usize) -> Monitor {
     Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default(), &[])
 }
 
+fn clocks_to_read(monitor: &mut Monitor, now: Time<Host>) -> Vec<Wanted> {
+    let mut wanted = Vec::new();
+    monitor.clocks_to_read(now, usize::MAX, &mut wanted);
+    wanted
+}
+
 fn registers(at: u64, difference: i64) -> Option<Registers> {
     let mut bytes = [0; 8];
     bytes[..4].copy_from_slice(
@@ -118,15 +124,15 @@ fn the_last_readings_and_their_bound() {
     assert_eq!(clock.bound(), Some(Nanos(30 + 20 + 7)));
 }
 
-/// 20 clocks are read in batches of eight, and never take more of the wire than the share.
+/// 20 clocks are read in batches of sixteen, and never take more of the wire than the share.
 #[test]
 fn reads_within_its_share() {
     let mut monitor = monitor(20);
     let (mut now, mut seen) = (Time::new(0), [0; 20]);
     let end = 100_000_000;
     while now.count() < end {
-        if monitor.is_due(now, 0) {
-            for (at, station, _) in monitor.clocks_to_read(now) {
+        if monitor.is_due(now, 0, None) {
+            for (at, station, _) in clocks_to_read(&mut monitor, now) {
                 assert_eq!(station, StationAddress(0x1002 + at as u16));
                 seen[at] += 1;
             }
@@ -190,7 +196,7 @@ fn halves_of_the_share() {
             Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default(), &[]);
         let (mut now, mut asked) = (Time::new(0), 0);
         while now.count() < 1_000_000_000 {
-            monitor.clocks_to_read(now);
+            clocks_to_read(&mut monitor, now);
             if let Some(wanted) = monitor.entry_to_read(now, |_| true) {
                 asked += 1;
                 monitor.take_entry(wanted, now, &Ok(vec![0, 0]), cost, true);
@@ -222,7 +228,7 @@ fn one_that_is_awaited() {
     segment.devices[2].admitted = false;
     let mut monitor = Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default(), &[]);
     let asked = |monitor: &mut Monitor, at: u64| {
-        let wanted = monitor.clocks_to_read(Time::new(at));
+        let wanted = clocks_to_read(monitor, Time::new(at));
         wanted.iter().map(|(_, station, _)| station.0 - 0x1001).collect::<Vec<_>>()
     };
     assert_eq!(asked(&mut monitor, 0), [1, 3]);

@@ -31,9 +31,11 @@ pub(super) struct Envelope {
     edge: Option<[Time<Host>; 2]>,
     /// Number of pairs that each point stands for.
     pairs_each: u32,
-    /// The lowest of the newest pairs, and the number of these.
-    newest: Option<Point>,
+    /// The lowest of the newest pairs with its height above the line, and the number of these.
+    newest: Option<(Point, f64)>,
     newest_pairs: u32,
+    /// Number of points behind the newest one that was low, when that was last searched.
+    high: usize,
     /// Number of pairs since the start.
     samples: u32,
     /// Mean height of the pairs above the line, ns.
@@ -62,6 +64,7 @@ impl Envelope {
             pairs_each: 1,
             newest: None,
             newest_pairs: 0,
+            high: usize::MAX,
             samples: 0,
             height: 0.0,
             raised: 0.0,
@@ -69,18 +72,18 @@ impl Envelope {
         }
     }
 
-    /// Adds a pair and returns the new line, if it is another one. `window` is the memory in samples, `noise` the usual
-    /// height of pairs, ns.
+    /// Adds a pair, `error` ns above the line, and returns the new line if it is another one.
+    /// `window` is the memory in samples, `noise` the usual height of pairs, ns.
     #[inline(never)]
     pub fn sample(
         &mut self,
         line: &Line,
         (host, dc): (Time<Host>, Time<Dc>),
+        error: f64,
         window: u32,
         noise: Nanos,
     ) -> Option<Line> {
         self.samples = self.samples.saturating_add(1);
-        let error = line.error(host, dc);
         let weight = (1.0 / f64::from(self.samples)).max(1.0 / f64::from(window.max(1)));
         // A frame with a long delay tells nothing about the others.
         let most = 8.0 * noise.0 as f64;
@@ -90,8 +93,8 @@ impl Envelope {
             (self.raised, self.caution) = (0.0, (2.0 * self.caution).min(MOST_CAUTION));
         }
         let point = Point { host, dc };
-        if self.newest.is_none_or(|lowest| error <= line.error(lowest.host, lowest.dc)) {
-            self.newest = Some(point);
+        if self.newest.is_none_or(|(_, lowest)| error <= lowest) {
+            self.newest = Some((point, error));
         }
         self.newest_pairs += 1;
         let full = self.newest_pairs >= self.pairs_each;
@@ -104,6 +107,9 @@ impl Envelope {
         }
         let (line, edge) = self.fit(line, point);
         self.edge = edge;
+        if let Some((lowest, height)) = &mut self.newest {
+            *height = line.error(lowest.host, lowest.dc);
+        }
         Some(line)
     }
 
@@ -146,8 +152,9 @@ impl Envelope {
 
     /// Makes the newest pairs a point.
     fn store(&mut self, line: &Line, window: u32) {
-        let Some(point) = self.newest.take() else { return };
+        let Some((point, _)) = self.newest.take() else { return };
         self.newest_pairs = 0;
+        self.high = self.high.saturating_add(1);
         let kept = POINTS as u32 * self.pairs_each;
         if self.len == POINTS && kept < window {
             for pair in 0..POINTS / 2 {
@@ -189,13 +196,22 @@ impl Envelope {
         };
         let height = |point: &Point| line.error(point.host, point.dc);
         let points = self.kept();
-        // More points allow less, so that no more of them matter once one is below the least.
+        // More points allow less, so that no more of them matter once one is below the least. Such
+        // a one is known from the last search, and with it how many matter at most.
         let half = self.len / 2;
         let least = most(half);
-        let mut lowest = f64::MAX;
-        for (back, point) in points.iter().rev().take(half).enumerate() {
+        let is_low = |point: &Point| height(point) <= least;
+        let known = points.iter().rev().nth(self.high).filter(|point| is_low(point));
+        let last = if known.is_some() { self.high.min(half) } else { half };
+        let enough = most(last);
+        let (mut lowest, mut high) =
+            (f64::MAX, if known.is_some() { self.high } else { usize::MAX });
+        for (back, point) in points.iter().rev().take(last).enumerate() {
             lowest = lowest.min(height(point));
-            if lowest <= least {
+            if lowest <= enough {
+                if lowest <= least {
+                    high = back;
+                }
                 break;
             }
             let back = back + 1;
@@ -204,6 +220,8 @@ impl Envelope {
                 return self.keep(back);
             }
         }
+        self.high = high;
+        let points = self.kept();
         let third = self.len / 3;
         let middle = &points[third..self.len - third];
         // A point that carries the line is on it.
@@ -359,6 +377,10 @@ mod tests {
     use super::*;
 
     impl Envelope {
+        fn take(&mut self, line: &Line, Point { host, dc }: Point, window: u32) -> Option<Line> {
+            self.sample(line, (host, dc), line.error(host, dc), window, Nanos(10_000))
+        }
+
         /// The fit as it is defined: each turn looks at all points.
         fn fit_plainly(&self, line: &Line, newest: Point) -> Line {
             let Some(first) = self.kept().first() else { return *line };
@@ -420,7 +442,7 @@ mod tests {
                 let height = draw(1 + most);
                 let dc = (i128::from(host) + drift) as u64 + height;
                 let point = Point { host: Time::new(host), dc: Time::new(dc / 10 * 10) };
-                let next = envelope.sample(&line, (point.host, point.dc), window, Nanos(10_000));
+                let next = envelope.take(&line, point, window);
                 let (fast, plain) =
                     (envelope.fit(&line, point).0, envelope.fit_plainly(&line, point));
                 let bits = |line: &Line| (line.dc, line.fraction.to_bits(), line.rate.to_bits());
@@ -450,7 +472,7 @@ mod tests {
                 let drift = i128::from(host) * i128::from(ppb) / 1_000_000_000;
                 let dc = (i128::from(host) + drift) as u64 + height;
                 let point = Point { host: Time::new(host), dc: Time::new(dc / 10 * 10) };
-                let next = envelope.sample(&line, (point.host, point.dc), window, Nanos(10_000));
+                let next = envelope.take(&line, point, window);
                 let is_full = envelope.newest_pairs == 0;
                 if sample >= 1_000 {
                     full += u32::from(is_full);

@@ -119,7 +119,8 @@ impl Servo {
                 self.line = fit.sample(&self.line, host, interval, error, bandwidth_hz);
             }
             Fit::Early(fit) => {
-                if let Some(line) = fit.sample(&self.line, (host, dc), self.window, stamp_noise) {
+                let window = self.window;
+                if let Some(line) = fit.sample(&self.line, (host, dc), error, window, stamp_noise) {
                     self.line = line;
                 }
             }
@@ -226,7 +227,7 @@ impl Servo {
         self.line = Line { host, dc, fraction: 0.0, rate };
         if let Fit::Early(fit) = &mut self.fit {
             let noise = self.settings.stamp_noise;
-            if let Some(line) = fit.sample(&self.line, (host, dc), self.window, noise) {
+            if let Some(line) = fit.sample(&self.line, (host, dc), 0.0, self.window, noise) {
                 self.line = line;
             }
         }

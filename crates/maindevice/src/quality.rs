@@ -48,6 +48,9 @@ pub(crate) struct Monitor {
     began: Time<Host>,
     unled_cycles: u64,
     background: Background,
+    /// Number of clocks that may have been read by the present cycle, if some are to be read now:
+    /// see [`CLOCKS_A_CYCLE`].
+    clocks_read: u64,
     record: Record,
     /// Whether it was reported that clocks are not controlled.
     unled: bool,
@@ -67,21 +70,46 @@ impl Monitor {
         let (limit, history) = (config.margin_limit, config.history);
         let background = Background::new(&config, segment, now, noise);
         let record = Record::new(limit, history, segment, now, cycle, counts);
-        Self { began: now, unled_cycles: config.unled_cycles, background, record, unled: false }
+        Self {
+            began: now,
+            unled_cycles: config.unled_cycles,
+            background,
+            clocks_read: 0,
+            record,
+            unled: false,
+        }
     }
 
     /// Whether something is due; `unled` is the number of cycles that [`Self::guidance`] takes.
     #[inline]
     pub fn is_due(&self, now: Time<Host>, cycle: u64, unled: Option<u64>) -> bool {
-        self.background.is_due(now)
+        self.has_clocks_to_read(now, cycle)
+            || self.background.has_entry_to_read(now)
             || self.record.is_due(cycle)
             || unled.is_some_and(|cycles| (cycles >= self.unled_cycles) != self.unled)
     }
 
-    /// The clocks to read now, as many as fit into a frame of `most` bytes, into the empty
+    /// Whether clocks are due.
+    fn has_clocks_to_read(&self, now: Time<Host>, cycle: u64) -> bool {
+        cycle * CLOCKS_A_CYCLE >= self.clocks_read && self.background.has_clocks_to_read(now)
+    }
+
+    /// The clocks to read now, as many as fit into a frame of so many `octets`, into the empty
     /// `wanted`; none if it is not time.
-    pub fn clocks_to_read(&mut self, now: Time<Host>, most: usize, wanted: &mut Vec<Wanted>) {
-        self.background.clocks_to_read_in(now, most, wanted);
+    pub fn clocks_to_read(
+        &mut self,
+        now: Time<Host>,
+        cycle: u64,
+        octets: usize,
+        wanted: &mut Vec<Wanted>,
+    ) {
+        if !self.has_clocks_to_read(now, cycle) {
+            return;
+        }
+        self.background.next_clocks(now, (CLOCKS_IN_A_FRAME, octets), wanted);
+        // A batch that is late within its cycle or the next one delays none of the others.
+        let read = (cycle * CLOCKS_A_CYCLE + 1).saturating_sub(CLOCKS_A_CYCLE);
+        self.clocks_read = self.clocks_read.max(read) + wanted.len() as u64;
     }
 
     /// Whether an entry is due.
@@ -191,3 +219,10 @@ impl Monitor {
         self.began
     }
 }
+
+/// Most clocks that are read in one frame: nine tenths of the longest one, which the wire carries
+/// in 90 us.
+const CLOCKS_IN_A_FRAME: usize = 32;
+/// Most clocks that are read on average in one cycle, however long it is. In short cycles the share
+/// of the wire allows fewer.
+const CLOCKS_A_CYCLE: u64 = 8;

@@ -116,6 +116,7 @@ impl Convergence {
     }
 
     /// Adds one reading of the system time difference.
+    #[inline]
     pub fn sample(&mut self, at: Time<Host>, difference: Nanos) {
         if self.count == 0 {
             self.origin = at;
@@ -137,11 +138,23 @@ impl Convergence {
     }
 
     /// Whether the slope is at most so many ns per second, up or down; true while there are too few
-    /// readings. It needs no division of long numbers.
-    pub fn is_flat(&self, most_ppb: u32) -> bool {
+    /// readings. No difference in the window is farther from zero than `worst`. It needs no
+    /// division.
+    #[inline]
+    pub fn is_flat(&self, most_ppb: u32, worst: Nanos) -> bool {
         if self.count < WINDOW {
             return true;
         }
+        // With d the distances of the times from their mean, the slope is at most worst · Σ|d| /
+        // Σd², by Cauchy and Schwarz at most worst · sqrt(n / Σd²), and Σd² is at least half of the
+        // square of the span: together worst / span · sqrt(32), less than six times.
+        let (first, last) = (self.count % WINDOW, (self.count + WINDOW - 1) % WINDOW);
+        let span = (self.readings[last].0 - self.readings[first].0).0;
+        let most = worst.0.saturating_mul(6 * NANOS_PER_SECOND as i64);
+        most < span.saturating_mul(i64::from(most_ppb)) || self.is_flat_by_line(most_ppb)
+    }
+
+    fn is_flat_by_line(&self, most_ppb: u32) -> bool {
         let (denominator, numerator) = self.line();
         let scaled = (numerator * NANOS_PER_SECOND).unsigned_abs();
         // The slope is rounded towards zero.
@@ -303,12 +316,12 @@ mod tests {
             random % below
         };
         for origin in [0, 1 << 40, u64::MAX / 2] {
-            for most in [3, 1_000_000, 1 << 34] {
+            for (most, sizes) in [(3, 33), (1_000_000, 33), (1 << 34, 33), (1 << 27, 8)] {
                 let mut convergence = Convergence::new(Limits::default());
                 let mut at = origin;
                 for count in 1..100 {
                     at += draw(most);
-                    let difference = draw(1 << 32) as i64 - (1 << 31);
+                    let difference = draw(1 << (sizes - 1)) as i64 - (1 << (sizes - 2));
                     convergence.sample(Time::new(at), Nanos(difference));
                     if count < WINDOW {
                         continue;
@@ -325,7 +338,9 @@ mod tests {
                     let slope = convergence.slope_ppb().expect("the window is full").abs();
                     for most in [0, 1_000, slope - 1, slope, slope + 1] {
                         let Ok(most) = u32::try_from(most) else { continue };
-                        assert_eq!(convergence.is_flat(most), slope <= i64::from(most), "{slope}");
+                        let worst = convergence.readings.map(|(_, y)| y.abs()).into_iter().max();
+                        let flat = convergence.is_flat(most, worst.expect("there are readings"));
+                        assert_eq!(flat, slope <= i64::from(most), "{slope}");
                     }
                 }
             }

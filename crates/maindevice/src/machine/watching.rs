@@ -115,7 +115,8 @@ impl MainDevice {
             });
         } else {
             reads.wanted.clear();
-            monitor.clocks_to_read(now, most_octets(cycle, config), &mut reads.wanted);
+            let octets = most_octets(cycle, config);
+            monitor.clocks_to_read(now, cycle.number(), octets, &mut reads.wanted);
             reads.start(port);
         }
         if monitor.has_entry_to_read(now) && !self.procedures.has(Kind::Entry) {

@@ -52,20 +52,26 @@ impl Background {
     /// The clocks to read now; empty if it is not time.
     pub fn clocks_to_read(&mut self, now: Time<Host>) -> Vec<Wanted> {
         let mut wanted = Vec::new();
-        self.clocks_to_read_in(now, usize::MAX, &mut wanted);
+        if self.clocks.is_due(now) {
+            self.clocks.batch(now, (CLOCKS_AT_ONCE, usize::MAX), &mut wanted);
+        }
         wanted
     }
 
-    /// The same into the empty `wanted`, as many as fit into a frame of `most` bytes.
-    pub(super) fn clocks_to_read_in(
+    /// Whether clocks are due.
+    pub(super) fn has_clocks_to_read(&self, now: Time<Host>) -> bool {
+        self.clocks.is_due(now)
+    }
+
+    /// The next clocks, at most so many and as many as fit into a frame of so many bytes, into the
+    /// empty `wanted`.
+    pub(super) fn next_clocks(
         &mut self,
         now: Time<Host>,
-        most: usize,
+        most: (usize, usize),
         wanted: &mut Vec<Wanted>,
     ) {
-        if self.clocks.is_due(now) {
-            self.clocks.batch(now, most, wanted);
-        }
+        self.clocks.batch(now, most, wanted);
     }
 
     /// Whether an entry is due.
@@ -135,3 +141,6 @@ impl Background {
         self.clocks.pace.spent() + self.objects.pace.spent()
     }
 }
+
+/// Number of clocks that are read together, where each is a datagram of its own to the reader.
+const CLOCKS_AT_ONCE: usize = 8;

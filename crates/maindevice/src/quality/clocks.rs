@@ -9,8 +9,8 @@ use isocat_wire::frame;
 use isocat_wire::register::{Value, features};
 use isocat_wire::time::{Host, Nanos, Time};
 
-use super::pace::{Pace, wire_time};
-use super::reads::octets;
+use super::pace::Pace;
+use super::reads::octets_of;
 use super::ring::Ring;
 use crate::alarm::{Alarm, Change, Found, Hysteresis, LET_GO, RAISE};
 use crate::config::QualityWatch;
@@ -30,6 +30,16 @@ pub struct Reading {
     pub activation: Option<ActivationStatus>,
 }
 
+/// A reading as it is kept: the register of the speed is taken apart when that is asked for.
+#[derive(Clone, Copy, Debug)]
+struct Kept {
+    at: Time<Host>,
+    difference: Nanos,
+    /// Registers 0x0930 to 0x0933.
+    speed: [u8; 4],
+    activation: Option<ActivationStatus>,
+}
+
 /// One clock and its last readings.
 #[derive(Clone, Debug)]
 pub struct ClockQuality {
@@ -43,7 +53,7 @@ pub struct ClockQuality {
     delay_bar: Nanos,
     /// What the sign of its 0x092C means.
     polarity: DifferencePolarity,
-    readings: Ring<Reading>,
+    readings: Ring<Kept>,
     /// The largest absolute difference among them, and how many of them have it.
     worst: Nanos,
     worst_count: usize,
@@ -59,18 +69,18 @@ pub struct ClockQuality {
 impl ClockQuality {
     /// The last reading.
     pub fn last(&self) -> Option<Reading> {
-        self.readings.last()
+        self.readings.last().map(Kept::reading)
     }
 
     /// The readings kept, oldest first.
     pub fn readings(&self) -> impl DoubleEndedIterator<Item = Reading> + '_ {
-        self.readings.iter()
+        self.readings.iter().map(Kept::reading)
     }
 
     /// The difference farthest from zero among the readings after this time, and among all of them
     /// without one; the earliest of several. `None`: there are no such readings.
     pub fn worst_since(&self, time: Option<Time<Host>>) -> Option<Nanos> {
-        let new = |reading: &Reading| time.is_none_or(|time| reading.at > time);
+        let new = |reading: &Kept| time.is_none_or(|time| reading.at > time);
         let new = self.readings.newest().take_while(|reading| new(reading));
         new.map(|reading| reading.difference)
             .reduce(|worst, earlier| if earlier.abs() >= worst.abs() { earlier } else { worst })
@@ -94,7 +104,7 @@ impl ClockQuality {
         if self.unled {
             return None;
         }
-        let (first, last) = (self.readings.first()?.at, self.last()?.at);
+        let (first, last) = (self.readings.first()?.at, self.readings.last()?.at);
         let count = self.readings.len() as i64;
         let between = (last - first).0 / (count - 1).max(1);
         let slope = self.slope_ppb().abs();
@@ -149,8 +159,14 @@ impl ClockQuality {
         self.convergence = Convergence::new(self.limits);
     }
 
-    fn take(&mut self, reading: Reading) {
-        let size = reading.difference.abs();
+    /// Takes a reading; returns whether it is as good as all before, so that no alarm changes.
+    #[inline]
+    fn take(&mut self, registers: &Registers) -> bool {
+        let [a, b, c, d, speed @ ..] = registers.bytes;
+        let difference = SystemTimeDifference::from_bytes([a, b, c, d]).nanos(self.polarity);
+        let Registers { at, activation, .. } = *registers;
+        let reading = Kept { at, difference, speed, activation };
+        let size = difference.abs();
         let gone = self.readings.push(reading).map(|gone| gone.difference.abs());
         self.worst_count -= usize::from(gone == Some(self.worst));
         if size > self.worst {
@@ -162,28 +178,28 @@ impl ClockQuality {
             self.worst = sizes().max().unwrap_or_default();
             self.worst_count = sizes().filter(|size| *size == self.worst).count();
         }
-        self.convergence.sample(reading.at, reading.difference);
+        self.convergence.sample(at, difference);
+        self.calm
+            && size <= self.limit()
+            && !activation.is_some_and(|activation| activation.sync0_pending())
+            && self.convergence.is_flat(SETTLED_PPB, self.worst)
     }
 
-    /// Updates the alarms with this reading and returns the changes; `None`: the registers did not
-    /// answer.
+    /// The difference beyond which an alarm is raised.
+    fn limit(&self) -> Nanos {
+        self.limits.difference + self.limits.noise_allowed()
+    }
+
+    /// Updates the alarms with the reading that was taken last and returns the changes; `None`: the
+    /// registers did not answer.
+    #[cold]
     fn judge(&mut self, found: Option<Registers>) -> Vec<Change> {
-        let Limits { difference: limit, .. } = self.limits;
-        let limit = limit + self.limits.noise_allowed();
+        let limit = self.limit();
         let difference = self.readings.last().map_or(Nanos::ZERO, |reading| reading.difference);
         let size = difference.abs();
         let pending = found.and_then(|found| found.activation).is_some_and(|a| a.sync0_pending());
         let (beyond, within) = (size > limit, size.0 <= limit.0 / 2);
         let mut settled = i64::from(SETTLED_PPB);
-        // Nearly every reading is good, and changes nothing.
-        if self.calm
-            && !beyond
-            && !pending
-            && found.is_some()
-            && self.convergence.is_flat(SETTLED_PPB)
-        {
-            return Vec::new();
-        }
         let slope = self.slope_ppb();
         // Above zero it leads away.
         let away = self.convergence.slope_ppb();
@@ -278,30 +294,35 @@ impl Clocks {
         self.all.iter().any(|clock| !clock.awaited)
     }
 
-    /// The clocks to read now, as many as fit into a frame of `most` bytes, one at least. The wire
-    /// time of their frame decides when the next ones are due.
-    pub fn batch(&mut self, now: Time<Host>, most: usize, wanted: &mut Vec<Wanted>) {
+    /// The clocks to read now, at most so many and as many as fit into a frame of `octets`, one at
+    /// least. The wire time of their frame decides when the next ones are due.
+    pub fn batch(
+        &mut self,
+        now: Time<Host>,
+        (most, octets): (usize, usize),
+        wanted: &mut Vec<Wanted>,
+    ) {
         let count = self.all.len();
-        let (mut turn, mut len) =
-            (self.turn, frame::ETHERNET_HEADER_LEN + frame::ETHERCAT_HEADER_LEN);
+        let (mut turn, mut len) = (self.turn, 0);
         for _ in 0..count {
             if turn >= count {
                 turn = 0;
             }
             let Some(clock) = self.all.get(turn) else { break };
             if !clock.awaited {
-                len += octets(clock.has_status);
-                if wanted.len() == BATCH || len > most && !wanted.is_empty() {
+                let more = len + octets_of(clock.has_status);
+                if wanted.len() == most || frame_len(more) > octets && !wanted.is_empty() {
                     break;
                 }
+                len = more;
                 wanted.push((turn, clock.station, clock.has_status));
             }
             turn += 1;
         }
         self.turn = wanted.last().map_or(0, |(at, ..)| at + 1);
         // As if each batch were one frame of its own.
-        let lengths = |&(_, _, has_status): &Wanted| [Some(8), has_status.then_some(1)];
-        self.pace.charge(now, wire_time(wanted.iter().flat_map(lengths).flatten()));
+        let on_wire = frame_len(len).max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
+        self.pace.charge(now, Nanos(on_wire as i64 * frame::BYTE_TIME_NS as i64));
     }
 
     /// Called when the state of a SubDevice has changed.
@@ -313,24 +334,28 @@ impl Clocks {
     }
 
     /// Takes the answer of one of them; returns the alarms that come or end.
+    #[inline]
     pub fn sample(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         let Some(clock) = self.all.get_mut(index) else { return Vec::new() };
-        if let Some(registers) = found {
-            clock.take(reading(&registers, clock.polarity));
+        // Nearly every reading is good, and changes nothing.
+        match &found {
+            Some(registers) if clock.take(registers) => Vec::new(),
+            _ => clock.judge(found),
         }
-        clock.judge(found)
     }
 }
 
-fn reading(registers: &Registers, polarity: DifferencePolarity) -> Reading {
-    let b = &registers.bytes;
-    let start = i64::from(u16::from_le_bytes([b[4], b[5]]) & 0x7FFF);
-    let change = i64::from(i16::from_le_bytes([b[6], b[7]]));
-    Reading {
-        at: registers.at,
-        difference: SystemTimeDifference::from_bytes([b[0], b[1], b[2], b[3]]).nanos(polarity),
-        correction_ppb: correction_ppb(start, change),
-        activation: registers.activation,
+/// Bytes of a frame with so many bytes of datagrams.
+fn frame_len(datagrams: usize) -> usize {
+    frame::ETHERNET_HEADER_LEN + frame::ETHERCAT_HEADER_LEN + datagrams
+}
+
+impl Kept {
+    fn reading(self) -> Reading {
+        let Self { at, difference, speed: [a, b, c, d], activation } = self;
+        let start = i64::from(u16::from_le_bytes([a, b]) & 0x7FFF);
+        let change = i64::from(i16::from_le_bytes([c, d]));
+        Reading { at, difference, correction_ppb: correction_ppb(start, change), activation }
     }
 }
 
@@ -343,8 +368,6 @@ fn correction_ppb(start: i64, change: i64) -> i64 {
 
 /// An alarm that is not raised.
 const CALM: Hysteresis = Hysteresis::new(RAISE, LET_GO);
-/// Number of clocks that are read together.
-const BATCH: usize = 16;
 /// A clock drifts if its slope exceeds that of a converged one by this factor.
 const SLIDING: i64 = 2;
 /// Resolution of an ESC's clock, ns.

@@ -2,6 +2,7 @@
 
 use alloc::vec::Vec;
 
+use isocat_wire::StationAddress;
 use isocat_wire::command::Command;
 use isocat_wire::datagram::{Address, HEADER_LEN, Header, WKC_LEN};
 use isocat_wire::dc::ActivationStatus;
@@ -27,14 +28,12 @@ impl Reads {
         datagrams.clear();
         let mut count = 0;
         for &(_, station, has_status) in &self.wanted {
-            let difference = register::SYSTEM_TIME_DIFFERENCE.address;
-            datagrams.extend_from_slice(&read::<DIFFERENCE>(Address::Station(station, difference)));
-            count += 1;
-            if has_status {
-                let status = register::ACTIVATION_STATUS.address;
-                datagrams.extend_from_slice(&read::<STATUS>(Address::Station(station, status)));
-                count += 1;
-            }
+            let mut both = [0; DIFFERENCE + STATUS];
+            let (difference, status) = both.split_at_mut(DIFFERENCE);
+            read(difference, station, register::SYSTEM_TIME_DIFFERENCE.address);
+            read(status, station, register::ACTIVATION_STATUS.address);
+            datagrams.extend_from_slice(&both[..octets_of(has_status)]);
+            count += 1 + u16::from(has_status);
         }
         if count > 0 {
             self.slot = Some(port.enqueue_batch(datagrams, count));
@@ -76,16 +75,18 @@ impl Reads {
 }
 
 /// Bytes of the datagram that reads these registers of a clock.
-pub(super) fn octets(has_status: bool) -> usize {
+pub(super) fn octets_of(has_status: bool) -> usize {
     DIFFERENCE + if has_status { STATUS } else { 0 }
 }
 
-/// A datagram of so many bytes that reads what it has room for.
-fn read<const OCTETS: usize>(address: Address) -> [u8; OCTETS] {
-    let len = (OCTETS - HEADER_LEN - WKC_LEN) as u16;
-    let mut datagram = [0; OCTETS];
-    datagram[..HEADER_LEN].copy_from_slice(&Header::new(Command::Fprd, 0, address, len).emit());
-    datagram
+/// Makes a datagram that reads what it has room for.
+#[inline(always)]
+fn read(datagram: &mut [u8], station: StationAddress, ado: u16) {
+    let len = datagram.len().saturating_sub(HEADER_LEN + WKC_LEN) as u16;
+    let header = Header::new(Command::Fprd, 0, Address::Station(station, ado), len);
+    if let Some(place) = datagram.first_chunk_mut() {
+        *place = header.emit();
+    }
 }
 
 /// The data of the first datagram, if its working counter is 1; the rest follows.

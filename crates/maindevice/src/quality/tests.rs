@@ -36,7 +36,7 @@ fn monitor(clocks: usize) -> Monitor {
 
 fn clocks_to_read(monitor: &mut Monitor, now: Time<Host>) -> Vec<Wanted> {
     let mut wanted = Vec::new();
-    monitor.clocks_to_read(now, usize::MAX, &mut wanted);
+    monitor.clocks_to_read(now, now.count() / 100_000, usize::MAX, &mut wanted);
     wanted
 }
 
@@ -124,14 +124,15 @@ fn the_last_readings_and_their_bound() {
     assert_eq!(clock.bound(), Some(Nanos(30 + 20 + 7)));
 }
 
-/// 20 clocks are read in batches of sixteen, and never take more of the wire than the share.
+/// 20 clocks are read in turn, and never take more of the wire than the share.
 #[test]
 fn reads_within_its_share() {
     let mut monitor = monitor(20);
     let (mut now, mut seen) = (Time::new(0), [0; 20]);
     let end = 100_000_000;
     while now.count() < end {
-        if monitor.is_due(now, 0, None) {
+        // Cycles of 100 us.
+        if monitor.is_due(now, now.count() / 100_000, None) {
             for (at, station, _) in clocks_to_read(&mut monitor, now) {
                 assert_eq!(station, StationAddress(0x1002 + at as u16));
                 seen[at] += 1;

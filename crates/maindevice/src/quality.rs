@@ -118,6 +118,7 @@ impl Monitor {
     }
 
     /// Takes the answer of a clock; returns the alarms that come or end.
+    #[inline(always)]
     pub fn take_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         self.background.take_clock(index, found)
     }

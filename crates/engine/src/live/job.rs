@@ -362,7 +362,9 @@ impl Running<'_> {
                 break End::Link(error);
             }
             let now = self.exchange.now();
-            self.take_events(now);
+            if self.has_news() {
+                self.take_events(now);
+            }
             self.publish();
             if now >= until {
                 break End::Time;
@@ -461,14 +463,16 @@ impl Running<'_> {
         }
     }
 
-    /// Takes the events, and passes them and the received data to the verdict engine, if there are
-    /// any.
+    /// Whether a frame has come back, or there are events, since they were last taken. A step that
+    /// only sends has nothing to tell.
+    #[inline(always)]
+    fn has_news(&self) -> bool {
+        self.exchange.main().counts().frames_received != self.received || self.exchange.has_event()
+    }
+
+    /// Takes the events, and passes them and the received data to the verdict engine.
     fn take_events(&mut self, now: Time<Host>) {
-        let received = self.exchange.main().counts().frames_received;
-        if received == self.received && !self.exchange.has_event() {
-            return;
-        }
-        self.received = received;
+        self.received = self.exchange.main().counts().frames_received;
         let at = self.began.map(|began| now - began);
         while let Some(event) = self.exchange.poll_event() {
             self.tell(&event);

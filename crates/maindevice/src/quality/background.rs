@@ -80,6 +80,7 @@ impl Background {
     }
 
     /// Takes the answer of a clock, `None` without an answer; returns the alarms that come or end.
+    #[inline]
     pub fn take_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         self.clocks.sample(index, found)
     }

@@ -107,11 +107,15 @@ impl ClockQuality {
         let (first, last) = (self.readings.first()?.at, self.readings.last()?.at);
         let count = self.readings.len() as i64;
         let between = (last - first).0 / (count - 1).max(1);
-        let slope = self.slope_ppb().abs();
-        // A division of long numbers is dear, and readings are seldom seconds apart.
-        let moved = match between.checked_mul(slope) {
-            Some(product) => product / NANOS_PER_SECOND,
-            None => (i128::from(between) * i128::from(slope) / i128::from(NANOS_PER_SECOND)) as i64,
+        // A slope costs a division of long numbers. Most are so small that the clock moves by less
+        // than a nanosecond.
+        let unseen = u32::try_from((NANOS_PER_SECOND - 1) / between.max(1)).unwrap_or(u32::MAX);
+        let moved = match self.convergence.is_flat(unseen, self.worst) {
+            true => 0,
+            false => {
+                let moved = i128::from(between) * i128::from(self.slope_ppb().abs());
+                (moved / i128::from(NANOS_PER_SECOND)) as i64
+            }
         };
         Some(self.worst() + Nanos(moved) + Nanos(2 * TICK) + self.delay_bar)
     }

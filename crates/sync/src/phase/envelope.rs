@@ -271,7 +271,9 @@ impl Envelope {
         }
         let steep = line.rate + rate;
         let edge = edge.filter(|_| steep.abs() < RATE_LIMIT);
-        let rate = steep.clamp(-RATE_LIMIT, RATE_LIMIT) - line.rate;
+        // Only a rate that is not limited stays the same to the bit, and its height is known.
+        let rate =
+            if steep.abs() < RATE_LIMIT { rate } else { RATE_LIMIT.copysign(steep) - line.rate };
         let height = match height.filter(|(of, _)| *of == rate) {
             Some((_, height)) => height,
             None => {
@@ -402,7 +404,9 @@ mod tests {
                 }
                 rate = better;
             }
-            let rate = (line.rate + rate).clamp(-RATE_LIMIT, RATE_LIMIT) - line.rate;
+            let steep = line.rate + rate;
+            let limited = RATE_LIMIT.copysign(steep) - line.rate;
+            let rate = if steep.abs() < RATE_LIMIT { rate } else { limited };
             let height = points().map(|point| y(point) - rate * x(point)).fold(f64::MAX, f64::min);
             let end = height + rate * (newest.host - first.host).0 as f64;
             let mut fitted = line.moved(newest.host, end);

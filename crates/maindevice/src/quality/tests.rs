@@ -145,6 +145,36 @@ fn reads_within_its_share() {
     assert!(seen.iter().max().unwrap() - seen.iter().min().unwrap() <= 1, "{seen:?}");
 }
 
+/// On a long line a frame holds at most 32 clocks, or as many as it has room for. However long the
+/// cycle is, eight of them are read in it on average, and never fewer than the others.
+#[test]
+fn reads_of_a_long_line() {
+    let batches = |clocks: usize, octets: usize| {
+        let mut monitor = monitor(clocks);
+        let mut seen = vec![0; clocks];
+        let mut batches = Vec::new();
+        for cycle in 0..1_000 {
+            let (now, mut wanted) = (Time::new(cycle * 4_000_000), Vec::new());
+            monitor.clocks_to_read(now, cycle, octets, &mut wanted);
+            wanted.iter().for_each(|(at, ..)| seen[*at] += 1);
+            batches.extend((!wanted.is_empty()).then_some((cycle, wanted.len())));
+        }
+        assert!(seen.iter().max().unwrap() - seen.iter().min().unwrap() <= 1, "{seen:?}");
+        (batches, seen.iter().sum::<usize>())
+    };
+    let (all, count) = batches(100, usize::MAX);
+    assert_eq!(all[..3], [(0, 32), (4, 32), (8, 32)]);
+    assert_eq!(count, 8_000);
+    let (all, count) = batches(20, usize::MAX);
+    assert_eq!(all[..4], [(0, 20), (3, 20), (5, 20), (8, 20)]);
+    assert!((7_980..=8_020).contains(&count), "{count}");
+    // Eight and fewer are read in each cycle.
+    assert_eq!(batches(7, usize::MAX).1, 7_000);
+    // Headers of 16 bytes, and 20 for each clock.
+    assert_eq!(batches(100, 16 + 5 * 20 + 19).0[..2], [(0, 5), (1, 5)]);
+    assert_eq!(batches(100, 0).0[..2], [(0, 1), (1, 1)], "one always");
+}
+
 /// The difference is three times the limit: a clock that approaches converges, one at rest or
 /// moving away does not. The border is tested by one ppb.
 #[test]

@@ -90,12 +90,12 @@ impl Monitor {
     }
 
     /// Whether clocks are due.
-    fn has_clocks_to_read(&self, now: Time<Host>, cycle: u64) -> bool {
+    pub fn has_clocks_to_read(&self, now: Time<Host>, cycle: u64) -> bool {
         cycle * CLOCKS_A_CYCLE >= self.clocks_read && self.background.has_clocks_to_read(now)
     }
 
-    /// The clocks to read now, as many as fit into a frame of so many `octets`, into the empty
-    /// `wanted`; none if it is not time.
+    /// The clocks to read, if some are due, as many as fit into a frame of so many `octets`, into
+    /// the empty `wanted`.
     pub fn clocks_to_read(
         &mut self,
         now: Time<Host>,
@@ -103,9 +103,6 @@ impl Monitor {
         octets: usize,
         wanted: &mut Vec<Wanted>,
     ) {
-        if !self.has_clocks_to_read(now, cycle) {
-            return;
-        }
         self.background.next_clocks(now, (CLOCKS_IN_A_FRAME, octets), wanted);
         // A batch that is late within its cycle or the next one delays none of the others.
         let read = (cycle * CLOCKS_A_CYCLE + 1).saturating_sub(CLOCKS_A_CYCLE);

@@ -88,15 +88,14 @@ impl MainDevice {
     #[inline]
     pub(super) fn work(&mut self) {
         in_hand(&mut self.shared).port.forget_waits();
-        let busy = !self.is_quiet();
-        if busy {
+        if !self.is_quiet() {
             self.work_on_all();
-        }
-        if self.quality.is_some() {
-            self.watch(busy);
+        } else if self.quality.is_some() {
+            self.watch();
         }
     }
 
+    #[inline(never)]
     fn work_on_all(&mut self) {
         self.lend(|machine| {
             machine.work_on_way();
@@ -109,6 +108,8 @@ impl MainDevice {
                 }
             }
         });
+        // States may have changed.
+        self.work_on_quality();
     }
 
     /// Whether only the bring-up or the shutdown runs. Then no procedure of the background starts,

@@ -79,18 +79,19 @@ impl MainDevice {
 
     /// Takes what was read of clocks, starts the next reads, and judges. The reads are no procedure
     /// since they are made all the time: their datagrams are built here, in memory that is used
-    /// again. `busy`: procedures were polled, so that states may have changed.
+    /// again.
     #[inline]
-    pub(super) fn watch(&mut self, busy: bool) {
+    pub(super) fn watch(&mut self) {
         let (Some(monitor), Some(cycle)) = (&self.quality, &self.cycle) else { return };
         let port = &self.shared().port;
         let is_due = monitor.is_due(port.now, cycle.number(), cycle.unled());
-        if busy || is_due || self.reads.are_back(port) {
+        if is_due || self.reads.are_back(port) {
             self.work_on_quality();
         }
     }
 
-    fn work_on_quality(&mut self) {
+    /// The same, whether or not something is due.
+    pub(super) fn work_on_quality(&mut self) {
         let Activity::Operating = self.activity else { return };
         let Self { shared, quality, cycle, reads, segment, config, .. } = self;
         let (Some(monitor), Some(cycle)) = (quality, cycle) else { return };
@@ -113,7 +114,7 @@ impl MainDevice {
                     }
                 }
             });
-        } else {
+        } else if monitor.has_clocks_to_read(now, cycle.number()) {
             reads.wanted.clear();
             let octets = most_octets(cycle, config);
             monitor.clocks_to_read(now, cycle.number(), octets, &mut reads.wanted);

@@ -74,7 +74,6 @@ impl Envelope {
 
     /// Adds a pair, `error` ns above the line, and returns the new line if it is another one.
     /// `window` is the memory in samples, `noise` the usual height of pairs, ns.
-    #[inline(never)]
     pub fn sample(
         &mut self,
         line: &Line,
@@ -108,7 +107,7 @@ impl Envelope {
         let (line, edge) = self.fit(line, point);
         self.edge = edge;
         if let Some((lowest, height)) = &mut self.newest {
-            *height = line.error(lowest.host, lowest.dc);
+            *height = line.height(lowest.host, lowest.dc);
         }
         Some(line)
     }
@@ -160,7 +159,7 @@ impl Envelope {
             for pair in 0..POINTS / 2 {
                 let at = self.start + 2 * pair;
                 let [first, second] = [self.points[at], self.points[at + 1]];
-                let lower = line.error(second.host, second.dc) < line.error(first.host, first.dc);
+                let lower = line.height(second.host, second.dc) < line.height(first.host, first.dc);
                 self.points[pair] = if lower { second } else { first };
             }
             (self.start, self.len) = (0, POINTS / 2);
@@ -194,7 +193,7 @@ impl Envelope {
             pairs if pairs >= FEWEST_HIGH => GRAIN + surprise / pairs,
             _ => f64::MAX,
         };
-        let height = |point: &Point| line.error(point.host, point.dc);
+        let height = |point: &Point| line.height(point.host, point.dc);
         let points = self.kept();
         // More points allow less, so that no more of them matter once one is below the least. Such
         // a one is known from the last search, and with it how many matter at most.
@@ -333,7 +332,7 @@ impl Below<'_> {
                 }
                 least = least.min(above);
             }
-            let place = Place { x: x as f64, y: self.line.error(point.host, point.dc) };
+            let place = Place { x: x as f64, y: self.line.height(point.host, point.dc) };
             if lowest.is_none_or(|lowest| place.above(rate) < lowest.above(rate)) {
                 lowest = Some(place);
             }

@@ -24,7 +24,13 @@ impl Line {
 
     /// The distance of `dc` from the line at `host`, positive if `dc` is later, ns.
     pub fn error(&self, host: Time<Host>, dc: Time<Dc>) -> f64 {
-        // The difference is a whole number that a float holds, so that this is rounded once only.
+        let (expected, fraction) = self.at(host);
+        (dc - expected).0 as f64 - fraction
+    }
+
+    /// The same, to the bit, where the system time is not needed beside it: the difference is a
+    /// whole number that a float holds, so that this is rounded once only.
+    pub fn height(&self, host: Time<Host>, dc: Time<Dc>) -> f64 {
         let elapsed = (host - self.host).0;
         let ahead = (dc - self.dc).0.wrapping_sub(elapsed);
         ahead as f64 - (self.fraction + elapsed as f64 * self.rate)

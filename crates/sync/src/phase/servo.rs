@@ -113,20 +113,26 @@ impl Servo {
             return self.leave_out(host, dc);
         }
         self.outliers = 0;
-        let Settings { bandwidth_hz, stamp_noise, .. } = self.settings;
         match &mut self.fit {
             Fit::Exact(fit) => {
-                self.line = fit.sample(&self.line, host, interval, error, bandwidth_hz);
+                let bandwidth = self.settings.bandwidth_hz;
+                self.line = fit.sample(&self.line, host, interval, error, bandwidth);
             }
-            Fit::Early(fit) => {
-                let window = self.window;
-                if let Some(line) = fit.sample(&self.line, (host, dc), error, window, stamp_noise) {
-                    self.line = line;
-                }
-            }
+            Fit::Early(_) => self.sample_early((host, dc), error),
         }
         self.last_sample = host;
         self.judge(distance);
+    }
+
+    /// Adds a pair, `error` ns from the line, to the line of noisy stamps. It is not inlined, so
+    /// that exact stamps cost less.
+    #[inline(never)]
+    fn sample_early(&mut self, pair: (Time<Host>, Time<Dc>), error: f64) {
+        let Fit::Early(fit) = &mut self.fit else { return };
+        let noise = self.settings.stamp_noise;
+        if let Some(line) = fit.sample(&self.line, pair, error, self.window, noise) {
+            self.line = line;
+        }
     }
 
     /// Advances the time, so that the servo notices missing samples.
@@ -225,12 +231,7 @@ impl Servo {
         self.state = State::Acquiring;
         self.last_sample = host;
         self.line = Line { host, dc, fraction: 0.0, rate };
-        if let Fit::Early(fit) = &mut self.fit {
-            let noise = self.settings.stamp_noise;
-            if let Some(line) = fit.sample(&self.line, (host, dc), 0.0, self.window, noise) {
-                self.line = line;
-            }
-        }
+        self.sample_early((host, dc), 0.0);
     }
 
     /// Takes the distance of a sample from the line.

@@ -664,7 +664,7 @@ impl Slot {
             sent = sent.get(HEADER_LEN + len + WKC_LEN..)?;
             found = found.get(HEADER_LEN + len + WKC_LEN..)?;
             let more = theirs[7] & 0x80 != 0;
-            if more != !(is_last && sent.is_empty()) {
+            if more == (is_last && sent.is_empty()) {
                 return None;
             }
             if sent.is_empty() {

@@ -80,7 +80,7 @@ impl MainDevice {
     /// Takes what was read of clocks, starts the next reads, and judges. The reads are no procedure
     /// since they are made all the time: their datagrams are built here, in memory that is used
     /// again.
-    #[inline]
+    #[inline(never)]
     pub(super) fn watch(&mut self) {
         let (Some(monitor), Some(cycle)) = (&self.quality, &self.cycle) else { return };
         let port = &self.shared().port;

@@ -111,12 +111,29 @@ pub struct Engine {
     limit: Nanos,
     /// Counts at the beginning of the time in operation.
     first: Statistics,
-    /// The phase errors and the number of cycles of the last call.
-    last: (Summary, u64),
+    /// The counts of the last call.
+    last: Seen,
     frames: Frames,
     clocks: Clocks,
     counters: Counted,
     told: Told,
+}
+
+/// Counts that tell what is new.
+#[derive(Clone, Copy)]
+struct Seen {
+    /// Number of phase errors, and the least and the largest of them.
+    errors: u64,
+    least: Nanos,
+    largest: Nanos,
+    cycles: u64,
+}
+
+impl Seen {
+    fn of(counts: &Statistics) -> Self {
+        let Summary { count: errors, min: least, max: largest, .. } = counts.phase_error;
+        Self { errors, least, largest, cycles: counts.cycles }
+    }
 }
 
 impl Engine {
@@ -128,7 +145,7 @@ impl Engine {
         Self {
             limit,
             first,
-            last: (first.phase_error, first.cycles),
+            last: Seen::of(&first),
             frames: Frames::new(main),
             clocks: Clocks::new(main, limit),
             counters: Counted::new(main),
@@ -146,21 +163,20 @@ impl Engine {
     #[inline]
     pub fn cycle(&mut self, at: Nanos, main: &impl Witness) {
         let counts = main.statistics();
-        let seen = &counts.phase_error;
-        if seen.count != self.last.0.count {
-            let known = std::mem::replace(&mut self.last.0, *seen);
-            self.frames.take(at, seen.last);
+        let known = std::mem::replace(&mut self.last, Seen::of(counts));
+        let seen = self.last;
+        if seen.errors != known.errors {
+            self.frames.take(at, counts.phase_error.last);
             // If there are several at once, the worst ones are known too, if they are worse than
             // all before.
-            if seen.count > known.count + 1 {
-                let worst = [(seen.min, known.min), (seen.max, known.max)];
+            if seen.errors > known.errors + 1 {
+                let worst = [(seen.least, known.least), (seen.largest, known.largest)];
                 for (seen, _) in worst.into_iter().filter(|(seen, known)| seen != known) {
                     self.frames.take(at, seen);
                 }
             }
         }
-        if counts.cycles != self.last.1 {
-            self.last.1 = counts.cycles;
+        if seen.cycles != known.cycles {
             // One clock and one SubDevice per cycle: all of them would take too long on a long
             // line.
             self.clocks.look(at, main, counts.cycles);

@@ -71,6 +71,12 @@ impl<A: Application> Exchange<A> {
         Some(event)
     }
 
+    /// Whether the MainDevice has an event.
+    #[inline]
+    pub fn has_event(&self) -> bool {
+        self.work.main.has_event()
+    }
+
     /// Starts or ends the measurement of punctuality.
     pub fn measure(&mut self, on: bool) {
         self.work.link.measure(on);
@@ -145,11 +151,13 @@ impl Work {
         let is_cycle = self.main.next_cycle() == Some(until);
         let (arrived, now) = self.link.wait_from(self.now, until, expects, is_cycle)?;
         self.now = now;
+        let mut wanted = Some(wanted);
         if arrived {
             self.receive(application)?;
             self.transmit()?;
+            wanted = self.main.next_timeout();
         }
-        if self.main.next_timeout().is_some_and(|wanted| wanted <= self.now) {
+        if wanted.is_some_and(|wanted| wanted <= self.now) {
             self.main.handle_timeout(self.now);
             self.main.poll_cycle(application);
             self.transmit()?;

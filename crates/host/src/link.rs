@@ -180,7 +180,7 @@ impl Link {
         if let Some(recorder) = &mut self.recorder {
             recorder.frame(now, true, bytes, patient);
         }
-        if let Some(index) = index(bytes) {
+        if let Some(index) = index_of_own(bytes) {
             self.sent[usize::from(index)] = Some(now);
         }
         Ok(())
@@ -246,6 +246,12 @@ impl Link {
 /// The index that a frame's first datagram carries.
 fn index(bytes: &[u8]) -> Option<u8> {
     frame::payload(bytes).ok()?.get(1).copied()
+}
+
+/// The same of a frame that is whole.
+#[inline]
+fn index_of_own(bytes: &[u8]) -> Option<u8> {
+    bytes.get(frame::payload_offset(bytes).ok()? + 1).copied()
 }
 
 /// The address as it was when the frame left the MainDevice.

@@ -115,10 +115,13 @@ impl Board {
     /// Takes the next event.
     #[inline]
     pub fn poll_event(&mut self) -> Option<Event> {
-        if self.events.is_empty() && self.dropped == 0 {
-            return None;
-        }
-        self.next_event()
+        if self.has_event() { self.next_event() } else { None }
+    }
+
+    /// Whether there is an event.
+    #[inline]
+    pub fn has_event(&self) -> bool {
+        !self.events.is_empty() || self.dropped > 0
     }
 
     fn next_event(&mut self) -> Option<Event> {

@@ -103,15 +103,14 @@ pub(crate) async fn latch_among(
     for read in reads {
         let mut latch = Latch::default();
         if let Some((ports, entry)) = read {
-            let bytes = ports.expect(1).await?.data;
+            let bytes = ports.bytes::<16>(1).await?;
             let time = |port: PortNumber| {
                 let bytes = bytes.get(4 * port.index()..).unwrap_or_default();
                 bytes.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes))
             };
             latch.ports = Some(PortNumber::ALL.map(time));
             if let Some(entry) = entry {
-                let bytes = entry.expect(1).await?.data;
-                latch.entry = bytes.first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
+                latch.entry = u64::from_le_bytes(entry.bytes(1).await?);
             }
         }
         all.push(latch);

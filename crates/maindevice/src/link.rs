@@ -294,13 +294,13 @@ impl Exchange {
         Ok(reply)
     }
 
-    /// The first bytes of the reply and when its frame was sent, if its working counter is
-    /// `expected`. It allocates nothing.
-    pub async fn bytes<const LEN: usize>(self, expected: u16) -> Option<(Time<Host>, [u8; LEN])> {
-        core::future::poll_fn(|_| {
+    /// The first bytes of the reply, if its working counter is `expected`. It allocates nothing.
+    pub async fn bytes<const LEN: usize>(self, expected: u16) -> Result<[u8; LEN], AccessError> {
+        let (command, address) = (self.command, self.address);
+        let answer = core::future::poll_fn(|_| {
             self.link.with(|shared| shared.port.answer_with(self.slot, expected))
-        })
-        .await
+        });
+        answer.await.map_err(|problem| AccessError { command, address, problem })
     }
 
     /// Whether the working counter of its reply is `expected`.

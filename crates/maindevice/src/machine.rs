@@ -17,7 +17,7 @@ use crate::error::Error;
 use crate::event::{Event, Stage};
 use crate::link::{CYCLIC_INDEX, Link, Origin, Shared};
 use crate::mailbox::Mailboxes;
-use crate::quality::Monitor;
+use crate::quality::{Monitor, Reads};
 use crate::readmit::Keeper;
 use crate::ring::Port;
 use crate::segment::Segment;
@@ -115,6 +115,8 @@ pub struct MainDevice {
     /// The delay measurement in operation.
     delay_watch: Option<DelayWatch>,
     quality: Option<Monitor>,
+    /// Reads of clocks that are under way.
+    reads: Reads,
     ring: Option<Box<Ring>>,
     /// Why the bring-up failed. It is reported once SubDevices are back in INIT and the ring is
     /// restored.
@@ -159,6 +161,7 @@ impl MainDevice {
             unplanned: None,
             delay_watch: None,
             quality: None,
+            reads: Reads::default(),
             ring,
             failure: None,
             stopping: false,
@@ -316,6 +319,12 @@ impl MainDevice {
     #[inline]
     pub fn poll_event(&mut self) -> Option<Event> {
         in_hand(&mut self.shared).board.poll_event()
+    }
+
+    /// Whether there is an event.
+    #[inline]
+    pub fn has_event(&self) -> bool {
+        self.shared().board.has_event()
     }
 
     /// The outputs of the SubDevice at `position`, sent with the next cycle; empty without outputs.

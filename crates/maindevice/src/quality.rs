@@ -26,6 +26,7 @@ mod background;
 mod clocks;
 mod objects;
 mod pace;
+mod reads;
 mod ring;
 mod snapshot;
 #[cfg(test)]
@@ -37,8 +38,8 @@ pub use clocks::{ClockQuality, Reading, Registers, Wanted};
 pub use objects::{EntryQuality, ObjectQuality};
 pub use snapshot::{DeviceQuality, Margin, Moment, Snapshot};
 
-pub(crate) use clocks::read;
 pub use pace::wire_time;
+pub(crate) use reads::Reads;
 use snapshot::Record;
 
 /// Watches a segment in operation.
@@ -47,6 +48,9 @@ pub(crate) struct Monitor {
     began: Time<Host>,
     unled_cycles: u64,
     background: Background,
+    /// Number of clocks that may have been read by the present cycle, if some are to be read now:
+    /// see [`CLOCKS_A_CYCLE`].
+    clocks_read: u64,
     record: Record,
     /// Whether it was reported that clocks are not controlled.
     unled: bool,
@@ -66,20 +70,52 @@ impl Monitor {
         let (limit, history) = (config.margin_limit, config.history);
         let background = Background::new(&config, segment, now, noise);
         let record = Record::new(limit, history, segment, now, cycle, counts);
-        Self { began: now, unled_cycles: config.unled_cycles, background, record, unled: false }
+        Self {
+            began: now,
+            unled_cycles: config.unled_cycles,
+            background,
+            clocks_read: 0,
+            record,
+            unled: false,
+        }
     }
 
-    /// Whether something is due.
-    pub fn is_due(&self, now: Time<Host>, cycle: u64) -> bool {
-        self.background.is_due(now) || self.record.is_due(cycle)
+    /// Whether something is due; `unled` is the number of cycles that [`Self::guidance`] takes.
+    #[inline]
+    pub fn is_due(&self, now: Time<Host>, cycle: u64, unled: Option<u64>) -> bool {
+        self.has_clocks_to_read(now, cycle)
+            || self.background.has_entry_to_read(now)
+            || self.record.is_due(cycle)
+            || unled.is_some_and(|cycles| (cycles >= self.unled_cycles) != self.unled)
     }
 
-    /// The clocks to read now; empty if it is not time.
-    pub fn clocks_to_read(&mut self, now: Time<Host>) -> Vec<Wanted> {
-        self.background.clocks_to_read(now)
+    /// Whether clocks are due.
+    pub fn has_clocks_to_read(&self, now: Time<Host>, cycle: u64) -> bool {
+        cycle * CLOCKS_A_CYCLE >= self.clocks_read && self.background.has_clocks_to_read(now)
+    }
+
+    /// The clocks to read, if some are due, as many as fit into a frame of so many `octets`, into
+    /// the empty `wanted`.
+    pub fn clocks_to_read(
+        &mut self,
+        now: Time<Host>,
+        cycle: u64,
+        octets: usize,
+        wanted: &mut Vec<Wanted>,
+    ) {
+        self.background.next_clocks(now, (CLOCKS_IN_A_FRAME, octets), wanted);
+        // A batch that is late within its cycle or the next one delays none of the others.
+        let read = (cycle * CLOCKS_A_CYCLE + 1).saturating_sub(CLOCKS_A_CYCLE);
+        self.clocks_read = self.clocks_read.max(read) + wanted.len() as u64;
+    }
+
+    /// Whether an entry is due.
+    pub fn has_entry_to_read(&self, now: Time<Host>) -> bool {
+        self.background.has_entry_to_read(now)
     }
 
     /// Takes the answer of a clock; returns the alarms that come or end.
+    #[inline(always)]
     pub fn take_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         self.background.take_clock(index, found)
     }
@@ -181,3 +217,10 @@ impl Monitor {
         self.began
     }
 }
+
+/// Most clocks that are read in one frame: nine tenths of the longest one, which the wire carries
+/// in 90 us.
+const CLOCKS_IN_A_FRAME: usize = 32;
+/// Most clocks that are read on average in one cycle, however long it is. In short cycles the share
+/// of the wire allows fewer.
+const CLOCKS_A_CYCLE: u64 = 8;

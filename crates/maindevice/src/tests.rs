@@ -27,6 +27,7 @@ use crate::{Config, esm};
 mod complete;
 mod groups;
 mod mailbox;
+mod reads;
 mod times;
 
 /// Memory of one ESC, and its few actions.

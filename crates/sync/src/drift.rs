@@ -24,6 +24,9 @@ pub struct Limits {
     pub noise: Nanos,
 }
 
+/// The slope of a clock that has converged, ns per second: see [`Limits`].
+pub const SETTLED_PPB: u32 = 1_000;
+
 impl Limits {
     /// The default limits, with another limit of the difference and a fifth of it for the mean.
     pub fn of_difference(difference: Nanos) -> Self {
@@ -35,7 +38,8 @@ impl Default for Limits {
     /// 40 ns: twice the tick of both clocks, also for the mean. 1000 ppb: a clock that drifts
     /// faster would leave those 40 ns within 40 cycles of 1 ms if the drift frames stopped.
     fn default() -> Self {
-        Self { difference: Nanos(40), mean: Nanos(40), slope_ppb: 1_000, noise: Nanos::ZERO }
+        let slope_ppb = i64::from(SETTLED_PPB);
+        Self { difference: Nanos(40), mean: Nanos(40), slope_ppb, noise: Nanos::ZERO }
     }
 }
 
@@ -66,57 +70,64 @@ pub struct Convergence {
     limits: Limits,
     readings: [(Time<Host>, Nanos); WINDOW],
     count: usize,
+    /// The time from which the sums count: that of the first reading.
+    origin: Time<Host>,
     sums: Sums,
 }
 
 /// Sums over the readings in the window, for the line through them: each new reading comes in as
-/// the oldest one leaves.
-///
-/// Times count from the origin of the clock, so that squares and their sums may exceed the range;
-/// they wrap. The denominator and the numerator of the slope do not depend on the origin, so they
-/// are exact: they fit if times count from the oldest reading.
+/// the oldest one leaves. They are exact, in numbers that one multiplication of the processor
+/// gives.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
-    x: i128,
-    y: i128,
+    x: i64,
+    y: i64,
     xx: i128,
     xy: i128,
 }
 
 impl Sums {
-    /// Adds a reading.
-    fn add(&mut self, (at, difference): (Time<Host>, Nanos)) {
-        let (x, y) = (i128::from(at.count()), i128::from(difference.0));
-        self.x += x;
-        self.y += y;
-        self.xx = self.xx.wrapping_add(x.wrapping_mul(x));
-        self.xy = self.xy.wrapping_add(x * y);
+    /// Adds a reading, `x` ns after the origin.
+    fn add(&mut self, x: i64, Nanos(y): Nanos) {
+        self.x = self.x.wrapping_add(x);
+        self.y = self.y.wrapping_add(y);
+        self.xx = self.xx.wrapping_add(product(x, x));
+        self.xy = self.xy.wrapping_add(product(x, y));
     }
 
     /// Removes one that was added.
-    fn remove(&mut self, (at, difference): (Time<Host>, Nanos)) {
-        let (x, y) = (i128::from(at.count()), i128::from(difference.0));
-        self.x -= x;
-        self.y -= y;
-        self.xx = self.xx.wrapping_sub(x.wrapping_mul(x));
-        self.xy = self.xy.wrapping_sub(x * y);
+    fn remove(&mut self, x: i64, Nanos(y): Nanos) {
+        self.x = self.x.wrapping_sub(x);
+        self.y = self.y.wrapping_sub(y);
+        self.xx = self.xx.wrapping_sub(product(x, x));
+        self.xy = self.xy.wrapping_sub(product(x, y));
     }
+}
+
+fn product(a: i64, b: i64) -> i128 {
+    i128::from(a) * i128::from(b)
 }
 
 impl Convergence {
     /// No readings yet.
     pub fn new(limits: Limits) -> Self {
         let readings = [(Time::ZERO, Nanos::ZERO); WINDOW];
-        Self { limits, readings, count: 0, sums: Sums::default() }
+        Self { limits, readings, count: 0, origin: Time::ZERO, sums: Sums::default() }
     }
 
     /// Adds one reading of the system time difference.
+    #[inline]
     pub fn sample(&mut self, at: Time<Host>, difference: Nanos) {
+        if self.count == 0 {
+            self.origin = at;
+        }
+        let origin = self.origin;
         let place = &mut self.readings[self.count % WINDOW];
-        // A place without a reading has added nothing: its time and difference are zero.
-        self.sums.remove(*place);
+        if self.count >= WINDOW {
+            self.sums.remove((place.0 - origin).0, place.1);
+        }
         *place = (at, difference);
-        self.sums.add(*place);
+        self.sums.add((at - origin).0, difference);
         self.count += 1;
     }
 
@@ -124,6 +135,31 @@ impl Convergence {
     /// readings.
     pub fn slope_ppb(&self) -> Option<i64> {
         (self.count >= WINDOW).then(|| slope_ppb(self.line()))
+    }
+
+    /// Whether the slope is at most so many ns per second, up or down; true while there are too few
+    /// readings. No difference in the window is farther from zero than `worst`. It needs no
+    /// division.
+    #[inline]
+    pub fn is_flat(&self, most_ppb: u32, worst: Nanos) -> bool {
+        if self.count < WINDOW {
+            return true;
+        }
+        // With d the distances of the times from their mean, the slope is at most worst · Σ|d| /
+        // Σd², by Cauchy and Schwarz at most worst · sqrt(n / Σd²), and Σd² is at least half of the
+        // square of the span: together worst / span · sqrt(32), less than six times.
+        let (first, last) = (self.count % WINDOW, (self.count + WINDOW - 1) % WINDOW);
+        let span = (self.readings[last].0 - self.readings[first].0).0;
+        let most = worst.0.saturating_mul(6 * NANOS_PER_SECOND as i64);
+        most < span.saturating_mul(i64::from(most_ppb)) || self.is_flat_by_line(most_ppb)
+    }
+
+    fn is_flat_by_line(&self, most_ppb: u32) -> bool {
+        let (denominator, numerator) = self.line();
+        let scaled = (numerator * NANOS_PER_SECOND).unsigned_abs();
+        // The slope is rounded towards zero.
+        let most = denominator.unsigned_abs().saturating_mul(u128::from(most_ppb) + 1);
+        denominator == 0 || scaled < most
     }
 
     /// Judges the window.
@@ -181,17 +217,19 @@ impl Convergence {
         let n = WINDOW as i128;
         let Sums { x, y, xx, xy } = self.sums;
         let slope =
-            |products: i128, other| n.wrapping_mul(products).wrapping_sub(x.wrapping_mul(other));
+            |products: i128, other| n.wrapping_mul(products).wrapping_sub(product(x, other));
         (slope(xx, x), slope(xy, y))
     }
 }
+
+const NANOS_PER_SECOND: i128 = 1_000_000_000;
 
 /// Slope of the least-squares line with this denominator and numerator.
 fn slope_ppb((denominator, numerator): (i128, i128)) -> i64 {
     if denominator == 0 {
         return 0;
     }
-    let scaled = numerator * 1_000_000_000;
+    let scaled = numerator * NANOS_PER_SECOND;
     // A division of long numbers is dear, and a clock that stands still needs none.
     if scaled.unsigned_abs() < denominator.unsigned_abs() {
         return 0;
@@ -278,12 +316,12 @@ mod tests {
             random % below
         };
         for origin in [0, 1 << 40, u64::MAX / 2] {
-            for most in [3, 1_000_000, 1 << 34] {
+            for (most, sizes) in [(3, 33), (1_000_000, 33), (1 << 34, 33), (1 << 27, 8)] {
                 let mut convergence = Convergence::new(Limits::default());
                 let mut at = origin;
                 for count in 1..100 {
                     at += draw(most);
-                    let difference = draw(1 << 32) as i64 - (1 << 31);
+                    let difference = draw(1 << (sizes - 1)) as i64 - (1 << (sizes - 2));
                     convergence.sample(Time::new(at), Nanos(difference));
                     if count < WINDOW {
                         continue;
@@ -297,6 +335,13 @@ mod tests {
                     let (sxx, sxy): (i128, i128) = (sum(|(x, _)| x * x), sum(|(x, y)| x * y));
                     let n = WINDOW as i128;
                     assert_eq!(convergence.line(), (n * sxx - sx * sx, n * sxy - sx * sy));
+                    let slope = convergence.slope_ppb().expect("the window is full").abs();
+                    for most in [0, 1_000, slope - 1, slope, slope + 1] {
+                        let Ok(most) = u32::try_from(most) else { continue };
+                        let worst = convergence.readings.map(|(_, y)| y.abs()).into_iter().max();
+                        let flat = convergence.is_flat(most, worst.expect("there are readings"));
+                        assert_eq!(flat, slope <= i64::from(most), "{slope}");
+                    }
                 }
             }
         }

@@ -171,6 +171,7 @@ const PROTOCOL_UDP: u8 = 17;
 const UDP_HEADER_LEN: usize = 8;
 
 /// The bytes of all datagrams of a frame, by the length in its EtherCAT header.
+#[inline]
 pub fn payload(frame: &[u8]) -> Result<&[u8], FrameError> {
     let start = payload_offset(frame)?;
     let header = EthercatHeader::parse([frame[start - 2], frame[start - 1]]);
@@ -250,6 +251,33 @@ impl<'a> FrameWriter<'a> {
         Ok(data_at)
     }
 
+    /// Adds datagrams that are whole already: headers, data and working counters, one behind the
+    /// other. All of them take this index.
+    pub fn push_whole(&mut self, index: u8, datagrams: &[u8]) -> Result<(), FrameFull> {
+        let (mut start, end) = (self.end, self.end + datagrams.len());
+        if end > self.buffer.len() {
+            return Err(FrameFull);
+        }
+        if let Some(last) = self.last.filter(|_| !datagrams.is_empty()) {
+            self.buffer[last + 7] |= 0x80;
+        }
+        let mut rest = &mut self.buffer[start..end];
+        rest.copy_from_slice(datagrams);
+        while let Some((header, more)) = rest.split_first_chunk_mut::<{ datagram::HEADER_LEN }>() {
+            header[1] = index;
+            header[7] |= 0x80;
+            let len = usize::from(u16::from_le_bytes([header[6], header[7]]) & 0x07FF);
+            self.last = Some(start);
+            start += datagram::HEADER_LEN + len + datagram::WKC_LEN;
+            rest = more.get_mut(len + datagram::WKC_LEN..).unwrap_or_default();
+        }
+        if let Some(last) = self.last {
+            self.buffer[last + 7] &= !0x80;
+        }
+        self.end = end;
+        Ok(())
+    }
+
     /// Whether no datagram was pushed.
     pub fn is_empty(&self) -> bool {
         self.last.is_none()
@@ -292,6 +320,43 @@ mod tests {
         assert_eq!((found[0].header.index, found[0].header.more), (7, true));
         assert_eq!((found[1].header.address, found[1].data), (0x0100_0000, &[1, 2, 3][..]));
         assert!(frame[45..].iter().all(|byte| *byte == 0), "padding is zero");
+    }
+
+    /// Whole datagrams are the same bytes in the frame as those that are made one by one.
+    #[test]
+    fn whole_datagrams() {
+        let push = |writer: &mut FrameWriter<'_>, index, len| {
+            writer.push(Command::Fprd, index, Address::Broadcast(0x0130), &[0; 50][..len]).unwrap();
+        };
+        let mut built = [0; MAX_LEN];
+        let mut writer = FrameWriter::new(&mut built, [2, 0, 0, 0, 0, 1]);
+        for len in [8, 1, 40] {
+            push(&mut writer, 0, len);
+        }
+        assert_eq!(writer.finish(), 16 + 3 * 12 + 49);
+        let mut expected = [0; MAX_LEN];
+        let mut writer = FrameWriter::new(&mut expected, [2, 0, 0, 0, 0, 1]);
+        for len in [3, 8, 1, 40, 6] {
+            push(&mut writer, 9, len);
+        }
+        let expected_len = writer.finish();
+        let mut frame = [0; MAX_LEN];
+        let mut writer = FrameWriter::new(&mut frame, [2, 0, 0, 0, 0, 1]);
+        push(&mut writer, 9, 3);
+        writer.push_whole(9, &built[16..16 + 3 * 12 + 49]).unwrap();
+        writer.push_whole(9, &[]).unwrap();
+        push(&mut writer, 9, 6);
+        let len = writer.finish();
+        assert_eq!(frame[..len], expected[..expected_len]);
+        let mut writer = FrameWriter::new(&mut frame, [2, 0, 0, 0, 0, 1]);
+        writer.push_whole(9, &built[16..16 + 3 * 12 + 49]).unwrap();
+        let len = writer.finish();
+        let indices: std::vec::Vec<u8> = datagrams(payload(&frame[..len]).unwrap())
+            .map(|datagram| datagram.unwrap().header.index)
+            .collect();
+        assert_eq!(indices, [9, 9, 9], "the last one ends the frame");
+        let mut writer = FrameWriter::new(&mut frame[..MIN_LEN], [2, 0, 0, 0, 0, 1]);
+        assert_eq!(writer.push_whole(9, &built[16..61]), Err(FrameFull));
     }
 
     #[test]

@@ -224,6 +224,7 @@ impl Job {
             questions: None,
             began: None,
             engine: None,
+            received: 0,
             judged: None,
         };
         let mut devices = Vec::new();
@@ -310,6 +311,8 @@ struct Running<'a> {
     /// The instant when all SubDevices were in OP; judging starts there.
     began: Option<Time<Host>>,
     engine: Option<Engine>,
+    /// Number of frames that had come back when the engine last took the data.
+    received: u64,
     /// Duration of the judged time, once it is over.
     judged: Option<Nanos>,
 }
@@ -359,7 +362,9 @@ impl Running<'_> {
                 break End::Link(error);
             }
             let now = self.exchange.now();
-            self.take_events(now);
+            if self.has_news() {
+                self.take_events(now);
+            }
             self.publish();
             if now >= until {
                 break End::Time;
@@ -458,8 +463,16 @@ impl Running<'_> {
         }
     }
 
+    /// Whether a frame has come back, or there are events, since they were last taken. A step that
+    /// only sends has nothing to tell.
+    #[inline(always)]
+    fn has_news(&self) -> bool {
+        self.exchange.main().counts().frames_received != self.received || self.exchange.has_event()
+    }
+
     /// Takes the events, and passes them and the received data to the verdict engine.
     fn take_events(&mut self, now: Time<Host>) {
+        self.received = self.exchange.main().counts().frames_received;
         let at = self.began.map(|began| now - began);
         while let Some(event) = self.exchange.poll_event() {
             self.tell(&event);

@@ -1,6 +1,5 @@
 //! Follows 0x092C of each clock over the whole time.
 
-use isocat_maindevice::quality::Reading;
 use isocat_sim::{Judged, Place};
 use isocat_wire::time::{Host, Nanos, Time};
 
@@ -47,15 +46,11 @@ impl Clocks {
             return;
         };
         let Some(last) = clock.last().filter(|last| Some(last.at) != followed.seen) else { return };
-        // A few of them are new, at the end.
-        let new = |reading: &Reading| followed.seen.is_none_or(|at| reading.at > at);
-        let known = clock.readings().count() - clock.readings().rev().take_while(new).count();
-        for reading in clock.readings().skip(known) {
-            let size = reading.difference.abs();
-            if size > followed.worst.abs() {
-                followed.worst = reading.difference;
+        if let Some(worst) = clock.worst_since(followed.seen) {
+            if worst.abs() > followed.worst.abs() {
+                followed.worst = worst;
             }
-            if size > limit {
+            if worst.abs() > limit {
                 followed.beyond.get_or_insert(at);
             }
         }

@@ -69,8 +69,8 @@ impl Tap for Acyclic {
     fn observed(&mut self, _: &Segment, _: Time<True>, _: &Observation) {}
 }
 
-/// Nor does it between two readings of registers and objects; a reading does allocate, and so does
-/// a step in which one is under way. Rings, moments and alarms take no memory while the segment
+/// Nor does it between two readings of registers and objects; a reading of an object does allocate,
+/// and so does a step in which one is under way. Registers of clocks are read without. Rings, moments and alarms take no memory while the segment
 /// runs.
 #[test]
 fn watching_quality_allocates_only_when_it_reads() {
@@ -101,7 +101,7 @@ fn watching_quality_allocates_only_when_it_reads() {
         }
         before = reads;
     }
-    assert!(quiet > 1_600 && allocating > 50, "{quiet} quiet, {reading} reading, {allocating}");
+    assert!(quiet > 1_600 && allocating > 10, "{quiet} quiet, {reading} reading, {allocating}");
     let snapshot = world.main().snapshot().expect("it is watched");
     assert_eq!((snapshot.moments().count(), snapshot.clocks[0].readings().count()), (16, 16));
 }

@@ -5,11 +5,12 @@ use alloc::vec::Vec;
 use core::task::Poll;
 
 use isocat_wire::command::Command;
-use isocat_wire::datagram::{Address, HEADER_LEN, Layouts, WKC_LEN};
+use isocat_wire::datagram::{Address, HEADER_LEN, Header, WKC_LEN};
 use isocat_wire::frame::{ETHERCAT_HEADER_LEN, ETHERNET_HEADER_LEN, FrameWriter};
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::{CYCLIC_INDEX, Reply, Travel, is_touched};
+use crate::error::AccessProblem;
 use crate::statistics::Statistics;
 
 /// Bytes of a frame before its first datagram.
@@ -77,6 +78,9 @@ struct Slot {
     command: Command,
     address: Address,
     data: Vec<u8>,
+    /// Number of datagrams that `data` holds whole, of a batch of reads; 0 if it is the data of
+    /// one.
+    batch: u16,
     wkc: u16,
     passed: u16,
     sent: Time<Host>,
@@ -165,6 +169,32 @@ impl Port {
         self.enqueue_in(at, command, address, data, travel)
     }
 
+    /// Queues a batch of `count` datagrams (FPRD) that are whole already: headers, data and working
+    /// counters, one behind the other. They travel in one frame. [`Self::take_batch`] returns the
+    /// memory.
+    pub fn enqueue_batch(&mut self, datagrams: Vec<u8>, count: u16) -> usize {
+        let at = self.free.pop();
+        let nobody = Address::Broadcast(0);
+        let at = self.enqueue_in(at, Command::Nop, nobody, datagrams, Travel::default());
+        self.slots[at].batch = count;
+        at
+    }
+
+    /// Whether a batch is back or lost.
+    pub fn has_batch(&self, slot: usize) -> bool {
+        matches!(self.slots[slot].state, SlotState::Done | SlotState::Lost)
+    }
+
+    /// The datagrams of a batch that is back or lost, and when their frame was sent; `None` instead
+    /// of the time: it is lost. The slot is free then.
+    pub fn take_batch(&mut self, at: usize) -> (Option<Time<Host>>, Vec<u8>) {
+        let slot = &mut self.slots[at];
+        let sent = (slot.state == SlotState::Done).then_some(slot.sent);
+        let datagrams = core::mem::take(&mut slot.data);
+        self.release(at);
+        (sent, datagrams)
+    }
+
     /// Queues a datagram in this free slot, or in a new one.
     fn enqueue_in(
         &mut self,
@@ -179,6 +209,7 @@ impl Port {
             command,
             address,
             data,
+            batch: 0,
             wkc: 0,
             passed: 0,
             sent: Time::ZERO,
@@ -237,18 +268,21 @@ impl Port {
     }
 
     /// The same without the data's memory, for the first bytes of an answer with this working
-    /// counter; inner `None`: it is lost, another one, or too short.
+    /// counter.
     pub fn answer_with<const LEN: usize>(
         &self,
         slot: usize,
         expected: u16,
-    ) -> Poll<Option<(Time<Host>, [u8; LEN])>> {
+    ) -> Poll<Result<[u8; LEN], AccessProblem>> {
         let slot = &self.slots[slot];
         match slot.state {
             SlotState::Done if slot.wkc == expected => {
-                Poll::Ready(slot.data.first_chunk().map(|data| (slot.sent, *data)))
+                Poll::Ready(slot.data.first_chunk().copied().ok_or(AccessProblem::Lost))
             }
-            SlotState::Done | SlotState::Lost => Poll::Ready(None),
+            SlotState::Done => {
+                Poll::Ready(Err(AccessProblem::WorkingCounter { expected, found: slot.wkc }))
+            }
+            SlotState::Lost => Poll::Ready(Err(AccessProblem::Lost)),
             _ => Poll::Pending,
         }
     }
@@ -277,20 +311,25 @@ impl Port {
         let index = self.free_index();
         let mut slots = self.spare.pop().unwrap_or_default();
         let mut len = HEADERS;
-        let mut losses = 0;
+        let (mut losses, mut datagrams) = (0, 0);
         // Whether the last datagram must be in one frame with the next one.
         let mut bound = false;
         while let Some(&at) = self.queue.front() {
             let room = self.front_len();
             let slot = &mut self.slots[at];
-            let more = slot.data.len() + HEADER_LEN + WKC_LEN;
+            let more = slot.octets();
             let first = slots.is_empty();
             if !first && !bound && (slot.alone || slot.quiet || len + room > most) {
                 break;
             }
-            if frame.push(slot.command, index, slot.address, &slot.data).is_err() {
+            let pushed = match slot.batch {
+                0 => frame.push(slot.command, index, slot.address, &slot.data).map(|_| ()),
+                _ => frame.push_whole(index, &slot.data),
+            };
+            if pushed.is_err() {
                 break;
             }
+            datagrams += u64::from(slot.batch.max(1));
             let alone = slot.alone;
             bound = slot.with_next;
             slot.state = SlotState::InFlight;
@@ -314,7 +353,7 @@ impl Port {
         self.next_index = (index + 1) % CYCLIC_INDEX;
         self.given_up &= !(1 << index);
         statistics.frames_sent += 1;
-        statistics.datagrams += slots.len() as u64;
+        statistics.datagrams += datagrams;
         // Each repetition waits twice as long, so that a host that slept gets time to wake.
         let patience = Nanos(self.frame_timeout.0 << losses.min(MOST_DOUBLINGS)) + self.longer_way;
         let octets = len + AROUND_FRAME;
@@ -375,7 +414,7 @@ impl Port {
         let mut len = 0;
         for &at in &self.queue {
             let slot = &self.slots[at];
-            len += slot.data.len() + HEADER_LEN + WKC_LEN;
+            len += slot.octets();
             if !slot.with_next {
                 break;
             }
@@ -399,6 +438,16 @@ impl Port {
         let mut rest = payload;
         for at in flight.slots.drain(..) {
             let slot = &mut self.slots[at];
+            if slot.batch > 0 {
+                let Some((datagrams, more)) = rest.split_at_checked(slot.data.len()) else { break };
+                rest = more;
+                slot.data.copy_from_slice(datagrams);
+                slot.state = SlotState::Done;
+                if slot.abandoned {
+                    self.put_back(at);
+                }
+                continue;
+            }
             let (Some((header, more)), len) = (rest.split_at_checked(HEADER_LEN), slot.data.len())
             else {
                 break;
@@ -424,23 +473,13 @@ impl Port {
 
     /// Whether a frame holds exactly these datagrams.
     fn belongs(&self, slots: &[usize], payload: &[u8]) -> bool {
-        let mut layouts = Layouts::new();
-        for &at in slots {
-            let slot = &self.slots[at];
-            let Some(Ok(layout)) = layouts.next(payload) else { return false };
-            let header = layout.header;
-            // ESCs increment the position; the other half of the address does not change.
-            let same_place = if slot.command.increments_position() {
-                header.ado() == (slot.address.raw() >> 16) as u16
-            } else {
-                header.address == slot.address.raw()
-            };
-            let same_length = usize::from(header.len) == slot.data.len();
-            if header.command != slot.command as u8 || !same_length || !same_place {
-                return false;
-            }
+        let mut rest = payload;
+        for (number, &at) in slots.iter().enumerate() {
+            let is_last = number + 1 == slots.len();
+            let Some(more) = self.slots[at].behind(rest, is_last) else { return false };
+            rest = more;
         }
-        layouts.next(payload).is_none()
+        true
     }
 
     /// Gives up frames whose timeout is over.
@@ -504,8 +543,11 @@ impl Port {
             // The only position in the cycle is that of its broadcast read.
             (false, _) => Some(0),
             (true, flight) => {
-                let slot = flight.and_then(|flight| flight.slots.get(number));
-                slot.map(|slot| self.slots[*slot].address.raw() as u16)
+                let slots = flight.map_or(&[][..], |flight| &flight.slots).iter();
+                let of = |slot: &usize| &self.slots[*slot];
+                let datagrams =
+                    slots.map(of).flat_map(|slot| (0..slot.batch.max(1)).map(move |_| slot));
+                datagrams.into_iter().nth(number).map(|slot| slot.address.raw() as u16)
             }
         };
         if is_touched(payload, sent) {
@@ -583,3 +625,61 @@ impl Port {
         self.free.push(at);
     }
 }
+
+impl Slot {
+    /// Bytes in the frame.
+    fn octets(&self) -> usize {
+        self.data.len() + if self.batch == 0 { HEADER_LEN + WKC_LEN } else { 0 }
+    }
+
+    /// What follows the datagrams of this slot in a received frame; `None` if others are there.
+    /// `is_last`: none may follow.
+    fn behind<'b>(&self, bytes: &'b [u8], is_last: bool) -> Option<&'b [u8]> {
+        if self.batch > 0 {
+            return self.behind_batch(bytes, is_last);
+        }
+        let (header, rest) = bytes.split_first_chunk()?;
+        let header = Header::parse(header);
+        // ESCs increment the position; the other half of the address does not change.
+        let same_place = if self.command.increments_position() {
+            header.ado() == (self.address.raw() >> 16) as u16
+        } else {
+            header.address == self.address.raw()
+        };
+        let same_length = usize::from(header.len) == self.data.len();
+        let same = header.command == self.command as u8 && same_length && same_place;
+        let rest = rest.get(self.data.len() + WKC_LEN..)?;
+        (same && header.more != is_last).then_some(rest)
+    }
+
+    fn behind_batch<'b>(&self, bytes: &'b [u8], is_last: bool) -> Option<&'b [u8]> {
+        let (mut sent, mut found) = (&self.data[..], bytes);
+        loop {
+            let (ours, _) = sent.split_first_chunk::<HEADER_LEN>()?;
+            let (theirs, _) = found.split_first_chunk::<HEADER_LEN>()?;
+            if (start_of(ours) ^ start_of(theirs)) & UNCHANGED != 0 {
+                return None;
+            }
+            let len = usize::from(u16::from_le_bytes([ours[6], ours[7]]) & 0x07FF);
+            sent = sent.get(HEADER_LEN + len + WKC_LEN..)?;
+            found = found.get(HEADER_LEN + len + WKC_LEN..)?;
+            let more = theirs[7] & 0x80 != 0;
+            if more == (is_last && sent.is_empty()) {
+                return None;
+            }
+            if sent.is_empty() {
+                return Some(found);
+            }
+        }
+    }
+}
+
+/// The first eight bytes of a header: command, index, address, length and flags.
+fn start_of(header: &[u8; HEADER_LEN]) -> u64 {
+    let [start @ .., _, _] = *header;
+    u64::from_le_bytes(start)
+}
+
+/// The bits of these that come back as they were sent, of commands that increment no position:
+/// neither the index, which the flight has, nor the flags.
+const UNCHANGED: u64 = 0x07FF_FFFF_FFFF_00FF;

@@ -51,8 +51,6 @@ kinds! {
     Rewrite,
     /// Latches receive times, to measure delays.
     Latch,
-    /// Reads the registers of clocks.
-    Clocks,
 }
 
 /// What ends a procedure early. A later level also ends all that the earlier levels end.
@@ -70,7 +68,7 @@ impl Kind {
     /// The first level that ends it.
     pub(super) const fn ends(self) -> Ends {
         match self {
-            Kind::Rewrite | Kind::Latch | Kind::Clocks => Ends::Way,
+            Kind::Rewrite | Kind::Latch => Ends::Way,
             Kind::Entry | Kind::Request | Kind::Look => Ends::Operation,
             Kind::Shift | Kind::Readmit | Kind::Recover => Ends::Operation,
             Kind::Read => Ends::Run,
@@ -92,9 +90,12 @@ impl MainDevice {
         in_hand(&mut self.shared).port.forget_waits();
         if !self.is_quiet() {
             self.work_on_all();
+        } else if self.quality.is_some() {
+            self.watch();
         }
     }
 
+    #[inline(never)]
     fn work_on_all(&mut self) {
         self.lend(|machine| {
             machine.work_on_way();
@@ -107,6 +108,8 @@ impl MainDevice {
                 }
             }
         });
+        // States may have changed.
+        self.work_on_quality();
     }
 
     /// Whether only the bring-up or the shutdown runs. Then no procedure of the background starts,
@@ -154,8 +157,6 @@ impl MainDevice {
                 let now = self.shared().port.now;
                 self.delay_watch.as_ref().is_some_and(|watch| watch.due(now))
             }
-            // Entries of objects are read together with clocks.
-            Kind::Clocks => self.quality.is_some() && self.has_quality_to_look_at(),
             // These start elsewhere.
             Kind::Entry | Kind::Read | Kind::Readmit | Kind::Recover | Kind::Rewrite => false,
         }
@@ -173,13 +174,17 @@ impl MainDevice {
             Kind::Recover => self.work_on_recoveries(),
             Kind::Rewrite => self.work_on_rewriting(),
             Kind::Latch => self.work_on_latches(),
-            Kind::Clocks => self.work_on_quality(),
         }
     }
 
     /// Ends all procedures of this level. Object accesses get their answer.
     pub(super) fn end_background(&mut self, with: Ends) {
         self.delay_watch = None;
+        let Self { shared, link, reads, .. } = self;
+        match shared {
+            Some(shared) => reads.end(&mut shared.port),
+            None => link.with(|shared| reads.end(&mut shared.port)),
+        }
         let ended = self.procedures.end(with);
         if with >= Ends::Operation {
             self.keeper = Keeper::default();

@@ -15,7 +15,6 @@ use crate::error::{AccessError, Cause, SdoResult};
 use crate::event::RequestId;
 use crate::health::Look;
 use crate::mailbox::Mailbox;
-use crate::quality::Registers;
 use crate::segment::SubDevice;
 
 use super::background::{Ends, Kind};
@@ -40,8 +39,6 @@ pub(super) enum Ended {
     Rewrite(Change, bool),
     /// A latch of the receive times; `None`: it did not come back complete.
     Latch(Option<Times>),
-    /// Registers of clocks.
-    Clocks(Vec<(usize, Option<Registers>)>),
 }
 
 /// A mailbox and the answer that came through it.

@@ -16,6 +16,17 @@ pub(super) struct Share {
     free: Time<Host>,
 }
 
+/// Most bytes of an acyclic frame that finds room in each cycle, within the share.
+pub(super) fn most_octets(cycle: &CyclicExchange, config: &Config) -> usize {
+    let share = config.cycle.0 * i64::from(config.acyclic_share) / 100;
+    octets(share.min((cycle.spare() - GAP).0))
+}
+
+/// The bytes of a frame that takes this long, ns, less preamble and FCS.
+fn octets(time: i64) -> usize {
+    (time.max(0) as u64 / frame::BYTE_TIME_NS).saturating_sub(12) as usize
+}
+
 impl Share {
     /// Takes the time of a frame that leaves as soon as the port is free, from `now` on.
     pub(super) fn take(&mut self, now: Time<Host>, len: usize) {
@@ -55,8 +66,6 @@ impl Share {
             return None;
         }
         let time = self.left.min(until_next).max(needed);
-        // The bytes of a frame that takes this long, less preamble and FCS.
-        let bytes = time as u64 / frame::BYTE_TIME_NS;
-        Some((bytes as usize).saturating_sub(12).max(first))
+        Some(octets(time).max(first))
     }
 }

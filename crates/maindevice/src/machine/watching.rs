@@ -4,12 +4,14 @@ use alloc::vec::Vec;
 
 use isocat_wire::time::{Host, Nanos, Time};
 
-use super::MainDevice;
 use super::background::Kind;
 use super::procedures::{About, Ended};
+use super::share::most_octets;
 use super::way::Activity;
+use super::{MainDevice, in_hand};
 use crate::coe;
 use crate::event::Event;
+use crate::link::Shared;
 use crate::quality::{self, ClockQuality, ObjectQuality, Snapshot};
 
 /// Quality of the running segment.
@@ -47,12 +49,6 @@ impl MainDevice {
         self.quality.as_ref().map(|monitor| (monitor.spent(), monitor.began()))
     }
 
-    /// Whether there is a value to read or to judge.
-    pub(super) fn has_quality_to_look_at(&self) -> bool {
-        let (Some(monitor), Some(cycle)) = (&self.quality, &self.cycle) else { return false };
-        monitor.is_due(self.shared().port.now, cycle.number())
-    }
-
     /// Called wherever the state of a SubDevice in the segment changes in operation.
     pub(super) fn states_changed(&mut self) {
         if let Some(monitor) = &mut self.quality {
@@ -81,40 +77,56 @@ impl MainDevice {
         }
     }
 
+    /// Takes what was read of clocks, starts the next reads, and judges. The reads are no procedure
+    /// since they are made all the time: their datagrams are built here, in memory that is used
+    /// again.
+    #[inline(never)]
+    pub(super) fn watch(&mut self) {
+        let (Some(monitor), Some(cycle)) = (&self.quality, &self.cycle) else { return };
+        let port = &self.shared().port;
+        let is_due = monitor.is_due(port.now, cycle.number(), cycle.unled());
+        if is_due || self.reads.are_back(port) {
+            self.work_on_quality();
+        }
+    }
+
+    /// The same, whether or not something is due.
     pub(super) fn work_on_quality(&mut self) {
         let Activity::Operating = self.activity else { return };
-        let now = self.link.now();
-        let (Some(monitor), Some(cycle)) = (&mut self.quality, &mut self.cycle) else { return };
+        let Self { shared, quality, cycle, reads, segment, config, .. } = self;
+        let (Some(monitor), Some(cycle)) = (quality, cycle) else { return };
+        let Shared { port, board } = in_hand(shared);
+        let now = port.now;
         if let Some(cycles) = cycle.unled().and_then(|cycles| monitor.guidance(cycles)) {
-            self.link.report(Event::ClocksUnled { cycles });
+            board.report(Event::ClocksUnled { cycles });
         }
-        let counts = self.link.board(|board| board.statistics);
-        let mut changes = monitor.look(now, &self.segment, cycle, &counts);
-        if self.procedures.has(Kind::Clocks) {
-            if let Some(Ended::Clocks(found)) = self.procedures.go_on(Kind::Clocks, &mut 0) {
-                // While the delays do not fit the way of frames, 0x092C shows the way and not the
-                // clock.
-                for (index, registers) in found.into_iter().filter(|_| !cycle.doubts_clocks()) {
-                    changes.extend(monitor.take_clock(index, registers));
+        for change in monitor.look(now, segment, cycle, &board.statistics) {
+            board.report(Event::Alarm(change));
+        }
+        if reads.are_under_way() {
+            // While the delays do not fit the way of frames, 0x092C shows the way and not the
+            // clock.
+            let doubted = cycle.doubts_clocks();
+            reads.take(port, |index, registers| {
+                if !doubted {
+                    for change in monitor.take_clock(index, registers) {
+                        board.report(Event::Alarm(change));
+                    }
                 }
-            }
-        } else {
-            let wanted = monitor.clocks_to_read(now);
-            if !wanted.is_empty() {
-                let read = quality::read(self.link.clone(), wanted);
-                let read = async { Ended::Clocks(read.await) };
-                self.procedures.start(Kind::Clocks, About::default(), read);
-            }
+            });
+        } else if monitor.has_clocks_to_read(now, cycle.number()) {
+            reads.wanted.clear();
+            let octets = most_octets(cycle, config);
+            monitor.clocks_to_read(now, cycle.number(), octets, &mut reads.wanted);
+            reads.start(port);
         }
-        self.report_alarms(changes);
-        self.ask_for_entry(now);
+        if monitor.has_entry_to_read(now) && !self.procedures.has(Kind::Entry) {
+            self.lend(|machine| machine.ask_for_entry(now));
+        }
     }
 
     /// Reads an entry if it is due, through a mailbox that is free and that no request waits for.
     fn ask_for_entry(&mut self, now: Time<Host>) {
-        if self.procedures.has(Kind::Entry) {
-            return;
-        }
         let Self { quality: Some(monitor), mailboxes, jobs, .. } = self else { return };
         let is_free = |position: usize| {
             mailboxes.get(position).is_some_and(Option::is_some)

@@ -51,10 +51,36 @@ impl Background {
 
     /// The clocks to read now; empty if it is not time.
     pub fn clocks_to_read(&mut self, now: Time<Host>) -> Vec<Wanted> {
-        if self.clocks.is_due(now) { self.clocks.batch(now) } else { Vec::new() }
+        let mut wanted = Vec::new();
+        if self.clocks.is_due(now) {
+            self.clocks.batch(now, (CLOCKS_AT_ONCE, usize::MAX), &mut wanted);
+        }
+        wanted
+    }
+
+    /// Whether clocks are due.
+    pub(super) fn has_clocks_to_read(&self, now: Time<Host>) -> bool {
+        self.clocks.is_due(now)
+    }
+
+    /// The next clocks, at most so many and as many as fit into a frame of so many bytes, into the
+    /// empty `wanted`.
+    pub(super) fn next_clocks(
+        &mut self,
+        now: Time<Host>,
+        most: (usize, usize),
+        wanted: &mut Vec<Wanted>,
+    ) {
+        self.clocks.batch(now, most, wanted);
+    }
+
+    /// Whether an entry is due.
+    pub(super) fn has_entry_to_read(&self, now: Time<Host>) -> bool {
+        self.objects.is_due(now)
     }
 
     /// Takes the answer of a clock, `None` without an answer; returns the alarms that come or end.
+    #[inline]
     pub fn take_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         self.clocks.sample(index, found)
     }
@@ -116,3 +142,6 @@ impl Background {
         self.clocks.pace.spent() + self.objects.pace.spent()
     }
 }
+
+/// Number of clocks that are read together, where each is a datagram of its own to the reader.
+const CLOCKS_AT_ONCE: usize = 8;

@@ -2,17 +2,18 @@
 
 use alloc::vec::Vec;
 
-use isocat_sync::drift::{Convergence, Limits};
+use isocat_sync::drift::{Convergence, Limits, SETTLED_PPB};
 use isocat_wire::StationAddress;
 use isocat_wire::dc::{ActivationStatus, DifferencePolarity, SystemTimeDifference};
-use isocat_wire::register::{self, Value, features};
+use isocat_wire::frame;
+use isocat_wire::register::{Value, features};
 use isocat_wire::time::{Host, Nanos, Time};
 
-use super::pace::{Pace, wire_time};
+use super::pace::Pace;
+use super::reads::octets_of;
 use super::ring::Ring;
 use crate::alarm::{Alarm, Change, Found, Hysteresis, LET_GO, RAISE};
 use crate::config::QualityWatch;
-use crate::link::Link;
 use crate::segment::{Segment, SubDevice};
 
 /// One reading of one clock.
@@ -29,6 +30,16 @@ pub struct Reading {
     pub activation: Option<ActivationStatus>,
 }
 
+/// A reading as it is kept: the register of the speed is taken apart when that is asked for.
+#[derive(Clone, Copy, Debug)]
+struct Kept {
+    at: Time<Host>,
+    difference: Nanos,
+    /// Registers 0x0930 to 0x0933.
+    speed: [u8; 4],
+    activation: Option<ActivationStatus>,
+}
+
 /// One clock and its last readings.
 #[derive(Clone, Debug)]
 pub struct ClockQuality {
@@ -42,12 +53,12 @@ pub struct ClockQuality {
     delay_bar: Nanos,
     /// What the sign of its 0x092C means.
     polarity: DifferencePolarity,
-    readings: Ring<Reading>,
-    /// The largest absolute difference among them.
+    readings: Ring<Kept>,
+    /// The largest absolute difference among them, and how many of them have it.
     worst: Nanos,
+    worst_count: usize,
     limits: Limits,
     convergence: Convergence,
-    slope_ppb: Option<i64>,
     /// Whether no drift frame reaches it.
     pub(super) unled: bool,
     alarms: [Hysteresis; Alarm::OF_CLOCKS.len()],
@@ -58,12 +69,21 @@ pub struct ClockQuality {
 impl ClockQuality {
     /// The last reading.
     pub fn last(&self) -> Option<Reading> {
-        self.readings.iter().next_back()
+        self.readings.last().map(Kept::reading)
     }
 
     /// The readings kept, oldest first.
     pub fn readings(&self) -> impl DoubleEndedIterator<Item = Reading> + '_ {
-        self.readings.iter()
+        self.readings.iter().map(Kept::reading)
+    }
+
+    /// The difference farthest from zero among the readings after this time, and among all of them
+    /// without one; the earliest of several. `None`: there are no such readings.
+    pub fn worst_since(&self, time: Option<Time<Host>>) -> Option<Nanos> {
+        let new = |reading: &Kept| time.is_none_or(|time| reading.at > time);
+        let new = self.readings.newest().take_while(|reading| new(reading));
+        new.map(|reading| reading.difference)
+            .reduce(|worst, earlier| if earlier.abs() >= worst.abs() { earlier } else { worst })
     }
 
     /// The largest absolute value of 0x092C among them.
@@ -73,7 +93,7 @@ impl ClockQuality {
 
     /// Slope of the last sixteen differences, ns per second; 0 with fewer.
     pub fn slope_ppb(&self) -> i64 {
-        self.slope_ppb.unwrap_or(0)
+        self.convergence.slope_ppb().unwrap_or(0)
     }
 
     /// Largest distance of this clock from the reference clock, as far as registers show it. It is
@@ -84,11 +104,19 @@ impl ClockQuality {
         if self.unled {
             return None;
         }
-        let (first, last) = (self.readings().next()?.at, self.last()?.at);
+        let (first, last) = (self.readings.first()?.at, self.readings.last()?.at);
         let count = self.readings.len() as i64;
         let between = (last - first).0 / (count - 1).max(1);
-        let moved =
-            (i128::from(between) * i128::from(self.slope_ppb().abs()) / NANOS_PER_SECOND) as i64;
+        // A slope costs a division of long numbers. Most are so small that the clock moves by less
+        // than a nanosecond.
+        let unseen = u32::try_from((NANOS_PER_SECOND - 1) / between.max(1)).unwrap_or(u32::MAX);
+        let moved = match self.convergence.is_flat(unseen, self.worst) {
+            true => 0,
+            false => {
+                let moved = i128::from(between) * i128::from(self.slope_ppb().abs());
+                (moved / i128::from(NANOS_PER_SECOND)) as i64
+            }
+        };
         Some(self.worst() + Nanos(moved) + Nanos(2 * TICK) + self.delay_bar)
     }
 
@@ -108,9 +136,9 @@ impl ClockQuality {
             polarity: device.difference_polarity,
             readings: Ring::new(history),
             worst: Nanos::ZERO,
+            worst_count: 0,
             limits,
             convergence: Convergence::new(limits),
-            slope_ppb: None,
             unled: false,
             alarms: [CALM; Alarm::OF_CLOCKS.len()],
             calm: true,
@@ -133,40 +161,53 @@ impl ClockQuality {
     /// Called when its delay has changed: earlier readings make no slope with later ones.
     fn forget_slope(&mut self) {
         self.convergence = Convergence::new(self.limits);
-        self.slope_ppb = None;
     }
 
-    fn take(&mut self, reading: Reading) {
-        let size = reading.difference.abs();
-        let gone = self.readings.push(reading).map_or(Nanos::ZERO, |gone| gone.difference.abs());
-        self.worst = self.worst.max(size);
-        if gone == self.worst && size < gone {
-            let sizes = self.readings.iter().map(|reading| reading.difference.abs());
-            self.worst = sizes.max().unwrap_or_default();
-        }
-        self.convergence.sample(reading.at, reading.difference);
-        if let Some(slope_ppb) = self.convergence.slope_ppb() {
-            self.slope_ppb = Some(slope_ppb);
-        }
-    }
-
-    /// Updates the alarms with this reading and returns the changes; `None`: the registers did not
-    /// answer.
-    fn judge(&mut self, found: Option<Registers>) -> Vec<Change> {
-        let Limits { difference: limit, .. } = self.limits;
-        let limit = limit + self.limits.noise_allowed();
-        let difference = self.last().map_or(Nanos::ZERO, |reading| reading.difference);
+    /// Takes a reading; returns whether it is as good as all before, so that no alarm changes.
+    #[inline]
+    fn take(&mut self, registers: &Registers) -> bool {
+        let [a, b, c, d, speed @ ..] = registers.bytes;
+        let difference = SystemTimeDifference::from_bytes([a, b, c, d]).nanos(self.polarity);
+        let Registers { at, activation, .. } = *registers;
+        let reading = Kept { at, difference, speed, activation };
         let size = difference.abs();
-        let slope = self.slope_ppb();
-        // Above zero it leads away.
-        let away = self.slope_ppb.map(|slope| slope.saturating_mul(difference.0.signum()));
+        let gone = self.readings.push(reading).map(|gone| gone.difference.abs());
+        self.worst_count -= usize::from(gone == Some(self.worst));
+        if size > self.worst {
+            (self.worst, self.worst_count) = (size, 0);
+        }
+        self.worst_count += usize::from(size == self.worst);
+        if self.worst_count == 0 {
+            let sizes = || self.readings.iter().map(|reading| reading.difference.abs());
+            self.worst = sizes().max().unwrap_or_default();
+            self.worst_count = sizes().filter(|size| *size == self.worst).count();
+        }
+        self.convergence.sample(at, difference);
+        self.calm
+            && size <= self.limit()
+            && !activation.is_some_and(|activation| activation.sync0_pending())
+            && self.convergence.is_flat(SETTLED_PPB, self.worst)
+    }
+
+    /// The difference beyond which an alarm is raised.
+    fn limit(&self) -> Nanos {
+        self.limits.difference + self.limits.noise_allowed()
+    }
+
+    /// Updates the alarms with the reading that was taken last and returns the changes; `None`: the
+    /// registers did not answer.
+    #[cold]
+    fn judge(&mut self, found: Option<Registers>) -> Vec<Change> {
+        let limit = self.limit();
+        let difference = self.readings.last().map_or(Nanos::ZERO, |reading| reading.difference);
+        let size = difference.abs();
         let pending = found.and_then(|found| found.activation).is_some_and(|a| a.sync0_pending());
         let (beyond, within) = (size > limit, size.0 <= limit.0 / 2);
-        let mut settled = Limits::default().slope_ppb;
-        // Nearly every reading is good, and changes nothing.
-        if self.calm && !beyond && slope.abs() <= settled && !pending && found.is_some() {
-            return Vec::new();
-        }
+        let mut settled = i64::from(SETTLED_PPB);
+        let slope = self.slope_ppb();
+        // Above zero it leads away.
+        let away = self.convergence.slope_ppb();
+        let away = away.map(|slope| slope.saturating_mul(difference.0.signum()));
         // The noise of slopes is dear to compute, and changes nothing with a clock that is settled
         // without it.
         if !within || slope.abs() > settled {
@@ -257,18 +298,35 @@ impl Clocks {
         self.all.iter().any(|clock| !clock.awaited)
     }
 
-    /// The clocks to read now. The wire time of their frames decides when the next ones are due.
-    pub fn batch(&mut self, now: Time<Host>) -> Vec<Wanted> {
+    /// The clocks to read now, at most so many and as many as fit into a frame of `octets`, one at
+    /// least. The wire time of their frame decides when the next ones are due.
+    pub fn batch(
+        &mut self,
+        now: Time<Host>,
+        (most, octets): (usize, usize),
+        wanted: &mut Vec<Wanted>,
+    ) {
         let count = self.all.len();
-        let there = |at: &usize| !self.all[*at].awaited;
-        let all = (0..count).map(|i| (self.turn + i) % count).filter(there).take(BATCH);
-        let mut wanted = Vec::with_capacity(count.min(BATCH));
-        wanted.extend(all.map(|at| (at, self.all[at].station, self.all[at].has_status)));
+        let (mut turn, mut len) = (self.turn, 0);
+        for _ in 0..count {
+            if turn >= count {
+                turn = 0;
+            }
+            let Some(clock) = self.all.get(turn) else { break };
+            if !clock.awaited {
+                let more = len + octets_of(clock.has_status);
+                if wanted.len() == most || frame_len(more) > octets && !wanted.is_empty() {
+                    break;
+                }
+                len = more;
+                wanted.push((turn, clock.station, clock.has_status));
+            }
+            turn += 1;
+        }
         self.turn = wanted.last().map_or(0, |(at, ..)| at + 1);
         // As if each batch were one frame of its own.
-        let lengths = |&(_, _, has_status): &Wanted| [Some(8), has_status.then_some(1)];
-        self.pace.charge(now, wire_time(wanted.iter().flat_map(lengths).flatten()));
-        wanted
+        let on_wire = frame_len(len).max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
+        self.pace.charge(now, Nanos(on_wire as i64 * frame::BYTE_TIME_NS as i64));
     }
 
     /// Called when the state of a SubDevice has changed.
@@ -280,49 +338,28 @@ impl Clocks {
     }
 
     /// Takes the answer of one of them; returns the alarms that come or end.
+    #[inline]
     pub fn sample(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         let Some(clock) = self.all.get_mut(index) else { return Vec::new() };
-        if let Some(registers) = found {
-            clock.take(reading(&registers, clock.polarity));
+        // Nearly every reading is good, and changes nothing.
+        match &found {
+            Some(registers) if clock.take(registers) => Vec::new(),
+            _ => clock.judge(found),
         }
-        clock.judge(found)
     }
 }
 
-/// Reads the registers of these clocks together.
-pub(crate) async fn read(link: Link, wanted: Vec<Wanted>) -> Vec<(usize, Option<Registers>)> {
-    let difference = register::SYSTEM_TIME_DIFFERENCE.address;
-    let status = register::ACTIVATION_STATUS.address;
-    let reads: Vec<_> = wanted
-        .iter()
-        .map(|&(_, station, has_status)| {
-            let clock = link.fprd(station, difference, 8);
-            (clock, has_status.then(|| link.fprd(station, status, 1)))
-        })
-        .collect();
-    let mut all = Vec::with_capacity(reads.len());
-    for ((index, ..), (clock, status)) in wanted.into_iter().zip(reads) {
-        let clock = clock.bytes(1).await;
-        let status = match status {
-            Some(status) => status.bytes(1).await,
-            None => None,
-        };
-        let activation = status.map(|(_, [status])| ActivationStatus(status));
-        let registers = clock.map(|(at, bytes)| Registers { at, bytes, activation });
-        all.push((index, registers));
-    }
-    all
+/// Bytes of a frame with so many bytes of datagrams.
+fn frame_len(datagrams: usize) -> usize {
+    frame::ETHERNET_HEADER_LEN + frame::ETHERCAT_HEADER_LEN + datagrams
 }
 
-fn reading(registers: &Registers, polarity: DifferencePolarity) -> Reading {
-    let b = &registers.bytes;
-    let start = i64::from(u16::from_le_bytes([b[4], b[5]]) & 0x7FFF);
-    let change = i64::from(i16::from_le_bytes([b[6], b[7]]));
-    Reading {
-        at: registers.at,
-        difference: SystemTimeDifference::from_bytes([b[0], b[1], b[2], b[3]]).nanos(polarity),
-        correction_ppb: correction_ppb(start, change),
-        activation: registers.activation,
+impl Kept {
+    fn reading(self) -> Reading {
+        let Self { at, difference, speed: [a, b, c, d], activation } = self;
+        let start = i64::from(u16::from_le_bytes([a, b]) & 0x7FFF);
+        let change = i64::from(i16::from_le_bytes([c, d]));
+        Reading { at, difference, correction_ppb: correction_ppb(start, change), activation }
     }
 }
 
@@ -335,13 +372,11 @@ fn correction_ppb(start: i64, change: i64) -> i64 {
 
 /// An alarm that is not raised.
 const CALM: Hysteresis = Hysteresis::new(RAISE, LET_GO);
-/// Number of clocks that are read together.
-const BATCH: usize = 8;
 /// A clock drifts if its slope exceeds that of a converged one by this factor.
 const SLIDING: i64 = 2;
 /// Resolution of an ESC's clock, ns.
 const TICK: i64 = 10;
-const NANOS_PER_SECOND: i128 = 1_000_000_000;
+const NANOS_PER_SECOND: i64 = 1_000_000_000;
 
 #[cfg(test)]
 mod tests {

@@ -39,6 +39,26 @@ impl<T: Copy> Ring<T> {
         self.values.len()
     }
 
+    /// The oldest value.
+    #[inline]
+    pub fn first(&self) -> Option<T> {
+        self.values.get(self.next).or(self.values.first()).copied()
+    }
+
+    /// The newest value.
+    #[inline]
+    pub fn last(&self) -> Option<T> {
+        let at = self.next.checked_sub(1).unwrap_or(self.length - 1);
+        self.values.get(at).copied()
+    }
+
+    /// The values, newest first, in place.
+    #[inline]
+    pub fn newest(&self) -> impl Iterator<Item = &T> + '_ {
+        let (new, old) = self.values.split_at(self.next.min(self.values.len()));
+        new.iter().rev().chain(old.iter().rev())
+    }
+
     /// The values, oldest first.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = T> + '_ {
         let (new, old) = self.values.split_at(self.next.min(self.values.len()));
@@ -54,12 +74,14 @@ mod tests {
     fn the_oldest_go() {
         let mut ring = Ring::new(3);
         let kept = |ring: &Ring<u8>| ring.iter().collect::<Vec<_>>();
-        assert_eq!(kept(&ring), []);
+        assert_eq!((ring.first(), ring.last()), (None, None));
         let expected: [&[u8]; 5] = [&[1], &[1, 2], &[1, 2, 3], &[2, 3, 4], &[3, 4, 5]];
         for (value, expected) in (1..).zip(expected) {
             ring.push(value);
             assert_eq!(kept(&ring), expected);
             assert_eq!(ring.iter().next_back(), Some(value));
+            assert_eq!((ring.last(), ring.first()), (Some(value), expected.first().copied()));
+            assert!(ring.newest().eq(expected.iter().rev()));
         }
         assert_eq!(ring.values.capacity(), 3);
     }

@@ -34,6 +34,15 @@ fn monitor(clocks: usize) -> Monitor {
     Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default(), &[])
 }
 
+fn clocks_to_read(monitor: &mut Monitor, now: Time<Host>) -> Vec<Wanted> {
+    let mut wanted = Vec::new();
+    let cycle = now.count() / 100_000;
+    if monitor.has_clocks_to_read(now, cycle) {
+        monitor.clocks_to_read(now, cycle, usize::MAX, &mut wanted);
+    }
+    wanted
+}
+
 fn registers(at: u64, difference: i64) -> Option<Registers> {
     let mut bytes = [0; 8];
     bytes[..4].copy_from_slice(
@@ -118,15 +127,16 @@ fn the_last_readings_and_their_bound() {
     assert_eq!(clock.bound(), Some(Nanos(30 + 20 + 7)));
 }
 
-/// 20 clocks are read in batches of eight, and never take more of the wire than the share.
+/// 20 clocks are read in turn, and never take more of the wire than the share.
 #[test]
 fn reads_within_its_share() {
     let mut monitor = monitor(20);
     let (mut now, mut seen) = (Time::new(0), [0; 20]);
     let end = 100_000_000;
     while now.count() < end {
-        if monitor.is_due(now, 0) {
-            for (at, station, _) in monitor.clocks_to_read(now) {
+        // Cycles of 100 us.
+        if monitor.is_due(now, now.count() / 100_000, None) {
+            for (at, station, _) in clocks_to_read(&mut monitor, now) {
                 assert_eq!(station, StationAddress(0x1002 + at as u16));
                 seen[at] += 1;
             }
@@ -136,6 +146,38 @@ fn reads_within_its_share() {
     let share = monitor.spent().0 as f64 / end as f64;
     assert!((0.0097..=0.0103).contains(&share), "{share}");
     assert!(seen.iter().max().unwrap() - seen.iter().min().unwrap() <= 1, "{seen:?}");
+}
+
+/// On a long line a frame holds at most 32 clocks, or as many as it has room for. However long the
+/// cycle is, eight of them are read in it on average, and never fewer than the others.
+#[test]
+fn reads_of_a_long_line() {
+    let batches = |clocks: usize, octets: usize| {
+        let mut monitor = monitor(clocks);
+        let mut seen = vec![0; clocks];
+        let mut batches = Vec::new();
+        for cycle in 0..1_000 {
+            let (now, mut wanted) = (Time::new(cycle * 4_000_000), Vec::new());
+            if monitor.has_clocks_to_read(now, cycle) {
+                monitor.clocks_to_read(now, cycle, octets, &mut wanted);
+            }
+            wanted.iter().for_each(|(at, ..)| seen[*at] += 1);
+            batches.extend((!wanted.is_empty()).then_some((cycle, wanted.len())));
+        }
+        assert!(seen.iter().max().unwrap() - seen.iter().min().unwrap() <= 1, "{seen:?}");
+        (batches, seen.iter().sum::<usize>())
+    };
+    let (all, count) = batches(100, usize::MAX);
+    assert_eq!(all[..3], [(0, 32), (4, 32), (8, 32)]);
+    assert_eq!(count, 8_000);
+    let (all, count) = batches(20, usize::MAX);
+    assert_eq!(all[..4], [(0, 20), (3, 20), (5, 20), (8, 20)]);
+    assert!((7_980..=8_020).contains(&count), "{count}");
+    // Eight and fewer are read in each cycle.
+    assert_eq!(batches(7, usize::MAX).1, 7_000);
+    // Headers of 16 bytes, and 20 for each clock.
+    assert_eq!(batches(100, 16 + 5 * 20 + 19).0[..2], [(0, 5), (1, 5)]);
+    assert_eq!(batches(100, 0).0[..2], [(0, 1), (1, 1)], "one always");
 }
 
 /// The difference is three times the limit: a clock that approaches converges, one at rest or
@@ -190,7 +232,7 @@ fn halves_of_the_share() {
             Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default(), &[]);
         let (mut now, mut asked) = (Time::new(0), 0);
         while now.count() < 1_000_000_000 {
-            monitor.clocks_to_read(now);
+            clocks_to_read(&mut monitor, now);
             if let Some(wanted) = monitor.entry_to_read(now, |_| true) {
                 asked += 1;
                 monitor.take_entry(wanted, now, &Ok(vec![0, 0]), cost, true);
@@ -222,7 +264,7 @@ fn one_that_is_awaited() {
     segment.devices[2].admitted = false;
     let mut monitor = Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default(), &[]);
     let asked = |monitor: &mut Monitor, at: u64| {
-        let wanted = monitor.clocks_to_read(Time::new(at));
+        let wanted = clocks_to_read(monitor, Time::new(at));
         wanted.iter().map(|(_, station, _)| station.0 - 0x1001).collect::<Vec<_>>()
     };
     assert_eq!(asked(&mut monitor, 0), [1, 3]);

@@ -28,6 +28,14 @@ impl Line {
         (dc - expected).0 as f64 - fraction
     }
 
+    /// The same, to the bit, where the system time is not needed beside it: the difference is a
+    /// whole number that a float holds, so that this is rounded once only.
+    pub fn height(&self, host: Time<Host>, dc: Time<Dc>) -> f64 {
+        let elapsed = (host - self.host).0;
+        let ahead = (dc - self.dc).0.wrapping_sub(elapsed);
+        ahead as f64 - (self.fraction + elapsed as f64 * self.rate)
+    }
+
     /// The host time at which the line reaches `dc`.
     pub fn when(&self, dc: Time<Dc>) -> Time<Host> {
         let ahead = (dc - self.dc).0 as f64 - self.fraction;

@@ -43,6 +43,8 @@ pub struct Uncertainty {
 #[derive(Clone, Debug)]
 pub struct Servo {
     settings: Settings,
+    /// Samples that a line of noisy stamps remembers, by the settings.
+    window: u32,
     state: State,
     line: Line,
     fit: Fit,
@@ -81,6 +83,7 @@ impl Servo {
     /// A servo without samples.
     pub fn new(settings: Settings) -> Self {
         Self {
+            window: settings.window(),
             settings,
             state: State::Free,
             line: Line::default(),
@@ -110,18 +113,26 @@ impl Servo {
             return self.leave_out(host, dc);
         }
         self.outliers = 0;
-        let Settings { bandwidth_hz, stamp_noise, .. } = self.settings;
         match &mut self.fit {
             Fit::Exact(fit) => {
-                self.line = fit.sample(&self.line, host, interval, error, bandwidth_hz);
+                let bandwidth = self.settings.bandwidth_hz;
+                self.line = fit.sample(&self.line, host, interval, error, bandwidth);
             }
-            Fit::Early(fit) => {
-                let window = self.settings.window();
-                self.line = fit.sample(&self.line, (host, dc), window, stamp_noise);
-            }
+            Fit::Early(_) => self.sample_early((host, dc), error),
         }
         self.last_sample = host;
         self.judge(distance);
+    }
+
+    /// Adds a pair, `error` ns from the line, to the line of noisy stamps. It is not inlined, so
+    /// that exact stamps cost less.
+    #[inline(never)]
+    fn sample_early(&mut self, pair: (Time<Host>, Time<Dc>), error: f64) {
+        let Fit::Early(fit) = &mut self.fit else { return };
+        let noise = self.settings.stamp_noise;
+        if let Some(line) = fit.sample(&self.line, pair, error, self.window, noise) {
+            self.line = line;
+        }
     }
 
     /// Advances the time, so that the servo notices missing samples.
@@ -220,10 +231,7 @@ impl Servo {
         self.state = State::Acquiring;
         self.last_sample = host;
         self.line = Line { host, dc, fraction: 0.0, rate };
-        if let Fit::Early(fit) = &mut self.fit {
-            let window = self.settings.window();
-            self.line = fit.sample(&self.line, (host, dc), window, self.settings.stamp_noise);
-        }
+        self.sample_early((host, dc), 0.0);
     }
 
     /// Takes the distance of a sample from the line.

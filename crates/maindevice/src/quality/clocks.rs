@@ -3,6 +3,7 @@
 use alloc::vec::Vec;
 
 use isocat_sync::drift::{Convergence, Limits};
+use isocat_sync::settling::Settling;
 use isocat_wire::StationAddress;
 use isocat_wire::dc::{ActivationStatus, DifferencePolarity, SystemTimeDifference};
 use isocat_wire::register::{self, Value, features};
@@ -48,8 +49,9 @@ pub struct ClockQuality {
     limits: Limits,
     convergence: Convergence,
     slope_ppb: Option<i64>,
+    settling: Settling<Time<Host>>,
     /// Whether no drift frame reaches it.
-    pub(super) unled: bool,
+    unled: bool,
     alarms: [Hysteresis; Alarm::OF_CLOCKS.len()],
     /// Whether none of them is raised, nor has a bad reading behind it.
     calm: bool,
@@ -74,6 +76,12 @@ impl ClockQuality {
     /// Slope of the last sixteen differences, ns per second; 0 with fewer.
     pub fn slope_ppb(&self) -> i64 {
         self.slope_ppb.unwrap_or(0)
+    }
+
+    /// How the differences go from the first reading on, as long as drift frames reach the clock
+    /// and its registers answer.
+    pub fn settling(&self) -> &Settling<Time<Host>> {
+        &self.settling
     }
 
     /// Largest distance of this clock from the reference clock, as far as registers show it. It is
@@ -111,6 +119,7 @@ impl ClockQuality {
             limits,
             convergence: Convergence::new(limits),
             slope_ppb: None,
+            settling: Settling::default(),
             unled: false,
             alarms: [CALM; Alarm::OF_CLOCKS.len()],
             calm: true,
@@ -130,6 +139,14 @@ impl ClockQuality {
         self.delay_bar = bar.map_or(Nanos::ZERO, |bar| Nanos((bar.0 + 999) / 1_000));
     }
 
+    /// Sets whether drift frames fail to reach it.
+    pub(super) fn set_unled(&mut self, unled: bool) {
+        self.unled = unled;
+        if unled {
+            self.settling.close();
+        }
+    }
+
     /// Called when its delay has changed: earlier readings make no slope with later ones.
     fn forget_slope(&mut self) {
         self.convergence = Convergence::new(self.limits);
@@ -145,6 +162,7 @@ impl ClockQuality {
             self.worst = sizes.max().unwrap_or_default();
         }
         self.convergence.sample(reading.at, reading.difference);
+        self.settling.sample(reading.at, reading.difference.into());
         if let Some(slope_ppb) = self.convergence.slope_ppb() {
             self.slope_ppb = Some(slope_ppb);
         }
@@ -190,6 +208,10 @@ impl ClockQuality {
                 continue;
             }
             if let Some(raised) = hysteresis.sample(bad, good) {
+                // It may come back from a way up of its own.
+                if alarm == Alarm::Silent {
+                    self.settling.close();
+                }
                 let (position, found) =
                     (self.position, Found::Clock { difference, slope_ppb: slope });
                 changes.push(Change { position, alarm, raised, found });

@@ -3,7 +3,7 @@
 
 use isocat_maindevice::{Segment, SubDevice};
 use isocat_sync::settling::{self, FIRST, Mean};
-use isocat_wire::time::{Nanos, Picos};
+use isocat_wire::time::Nanos;
 #[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -153,7 +153,7 @@ const TICK_NS: f64 = 10.0;
 
 #[cfg(test)]
 mod tests {
-    use isocat_wire::time::{Host, Time};
+    use isocat_wire::time::{Host, Picos, Time};
 
     use super::*;
 

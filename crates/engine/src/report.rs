@@ -18,6 +18,7 @@ pub mod quality;
 pub mod samples;
 pub mod scan;
 mod services;
+pub mod settling;
 mod text;
 pub mod times;
 pub mod typed;
@@ -191,6 +192,9 @@ pub struct SegmentTrueTime {
     /// Time from power-on until all SubDevices were in OP and SYNC0 was on its grid; null if that
     /// never happened.
     pub time_to_synchronization_ns: Option<i64>,
+    /// What was left of the clocks' phase when operation was reached, and how it went: SYNC0 edges
+    /// against the ideal grid of the reference clock; null without SYNC0.
+    pub settling: Option<settling::Settling>,
     /// Arrival of cyclic frames at the reference clock, less their due time.
     pub host_phase_error: Option<Spread>,
     /// Time from the first to the last SubDevice in DC mode whose outputs became valid, cycle by
@@ -208,6 +212,9 @@ pub struct SegmentMainDevice {
     pub bring_up_frames: u64,
     /// Of these, frames that distributed the system time to make the clocks converge.
     pub drift_frames: u64,
+    /// The largest 0x092C when the clocks counted as converged, or later when one joined; null
+    /// without readings.
+    pub difference_at_lock: Option<settling::Difference>,
     /// All frames sent.
     pub frames_sent: u64,
     /// Frames that did not come back.

@@ -15,8 +15,8 @@
 //!
 //! For the MainDevice's clocks, [`delay`] turns port receive times into propagation delays and
 //! states their errors, and [`way`] computes delays from cables and chips. [`drift`] judges by
-//! measured differences whether clocks have converged. [`phase`] is the servo by which the host
-//! follows the reference clock.
+//! measured differences whether clocks have converged, and [`settling`] tells what is left of their
+//! phase in operation. [`phase`] is the servo by which the host follows the reference clock.
 //!
 //! There are no sockets, files, ESC model or simulator here: values go in, values come out.
 #![no_std]
@@ -35,6 +35,7 @@ pub mod object;
 pub mod opmode;
 pub mod phase;
 pub mod pulses;
+pub mod settling;
 pub mod start;
 pub mod table;
 pub mod way;

@@ -118,6 +118,7 @@ impl Proof {
             holds: report.fits && findings.is_empty() && self.run.in_sync,
             factor: FACTOR,
             loose,
+            settling: self.run.segment.true_time.settling.clone(),
             findings,
         });
     }

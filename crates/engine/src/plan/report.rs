@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::what_if::WhatIf;
 pub use crate::report::Note;
+use crate::report::settling::Settling;
 use crate::report::{OpMode, Ring, typed};
 
 /// Version of the document; it changes whenever a reader could be misled by an older schema.
@@ -344,6 +345,9 @@ pub struct ProofSummary {
     /// Number of lines whose bound is not that tight: their figures are stated by the device, which
     /// does not need that much.
     pub loose: usize,
+    /// What was left of the clocks' phase when operation was reached, and how it went in true time:
+    /// SYNC0 edges against the ideal grid of the reference clock; null without SYNC0.
+    pub settling: Option<Settling>,
     /// Bounds that were exceeded, and findings of the run's judges.
     pub findings: Vec<String>,
 }

@@ -80,6 +80,9 @@ impl PlanReport {
         for line in wrap(&(text + "."), WIDTH) {
             writeln!(out, "{style}{line}{style:#}")?;
         }
+        for (what, figure) in proof.settling.iter().flat_map(|settling| settling.lines("edges")) {
+            writeln!(out, " {what:<36} {figure} {QUIET}[t]{QUIET:#}")?;
+        }
         write_list(out, "Findings", &proof.findings)
     }
 

@@ -146,6 +146,7 @@ fn segment<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Segment {
         copies_lost: counts.copies_lost,
         true_time: SegmentTrueTime {
             time_to_synchronization_ns: time_to_synchronization(outcome),
+            settling: settling_of(outcome),
             host_phase_error: bench.host_phase().and_then(|judge| spread(judge.statistics())),
             outputs_valid_spread: span(bench.outputs_valid().spread())
                 .filter(|_| bench.devices().iter().filter(|d| d.sync0.is_some()).count() > 1),
@@ -158,6 +159,7 @@ fn segment<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Segment {
                 frames => frames,
             },
             drift_frames: counts.drift_burst,
+            difference_at_lock: settling::Difference::at_lock(main.segment()),
             frames_sent: counts.frames_sent,
             frames_lost: counts.frames_lost,
             cycles: counts.cycles,
@@ -169,6 +171,17 @@ fn segment<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Segment {
         },
         plan: timing.map(SegmentPlan::from),
     }
+}
+
+/// How the clocks of all SubDevices with SYNC0 went, except the reference clock.
+fn settling_of<T: Tap>(outcome: &Outcome<T>) -> Option<settling::Settling> {
+    let began = outcome.began?;
+    let reference = outcome.world.main().segment().reference?;
+    let followers = outcome.bench.devices().iter().enumerate();
+    let followers = followers.filter(|(position, _)| *position != reference);
+    let clocks = followers
+        .filter_map(|(position, device)| Some((position, device.sync0.as_ref()?.settling())));
+    settling::Settling::new(clocks, |at| Nanos((at - began).0 / 1_000))
 }
 
 impl From<&isocat_maindevice::segment::Timing> for SegmentPlan {

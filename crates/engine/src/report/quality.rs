@@ -7,11 +7,12 @@ use isocat_descriptions::columns::{WIDTH, cut, plain, wrap};
 use isocat_maindevice::quality::{Background, ClockQuality, EntryQuality, Margin, ObjectQuality};
 use isocat_maindevice::{MainDevice, QualityWatch};
 use isocat_sync::object::{OUTPUT_PARAMETER, sub};
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Host, Nanos, Time};
 #[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use super::settling::Settling;
 use super::text::{MOST_DEVICES, QUIET};
 
 /// Results of the background reads: registers and objects were read from the SubDevices, the rest
@@ -30,6 +31,9 @@ pub struct Quality {
     /// Number of cycles in which no drift frame reached all clocks, if it exceeds the limit; then
     /// the clocks have no figures, since 0x092C is meaningless.
     pub unled_cycles: Option<u64>,
+    /// What was left of the clocks' phase when operation was reached, and how it went: readings of
+    /// 0x092C; null without clocks.
+    pub settling: Option<Settling>,
     /// Each SubDevice, by position.
     pub devices: Vec<DeviceQuality>,
     /// Alarms that were raised or cleared in the judged time.
@@ -132,18 +136,19 @@ impl Quality {
                 .max()
                 .map(|n| n.0),
             unled_cycles: snapshot.unled.filter(|cycles| *cycles >= asked.unled_cycles),
+            settling: settling(snapshot.clocks, since),
             devices: segment.devices.iter().enumerate().map(device).collect(),
             alarms: Vec::new(),
         })
     }
 
-    /// The results of another MainDevice that read in the background for `elapsed`; it does not
-    /// measure the time before SYNC0.
+    /// The results of another MainDevice that read in the background since `began`,
+    /// for `elapsed`; it does not measure the time before SYNC0.
     pub fn of_background(
         background: &Background,
         devices: &[isocat_maindevice::SubDevice],
         asked: QualityWatch,
-        elapsed: Nanos,
+        (began, elapsed): (Time<Host>, Nanos),
     ) -> Self {
         let read = (background.clocks(), background.objects());
         let device = |device: &isocat_maindevice::SubDevice| {
@@ -155,6 +160,7 @@ impl Quality {
             share_taken_permille: round(taken * 1e3, 3),
             latest_frame_ns: None,
             unled_cycles: None,
+            settling: settling(background.clocks(), began),
             devices: devices.iter().map(device).collect(),
             alarms: Vec::new(),
         }
@@ -184,6 +190,9 @@ impl Quality {
         let (asked, taken) = (self.share_asked_permille, self.share_taken_permille);
         let share = format!("{asked} permille of the wire asked for, {taken:.2} taken");
         writeln!(out, "\n {:<36} {share} {QUIET}[m]{QUIET:#}", "read in the background")?;
+        for (what, figure) in self.settling.iter().flat_map(|all| all.lines("readings")) {
+            writeln!(out, " {what:<36} {figure} {QUIET}[r]{QUIET:#}")?;
+        }
         writeln!(
             out,
             " {:<2} {:<19} {:>9} {:>9} {:>12} {:>12}  0x1C32, 0x1C33 [r]",
@@ -264,6 +273,12 @@ impl DeviceQuality {
         }
         text
     }
+}
+
+/// How 0x092C went, by the readings since `began`.
+fn settling(clocks: &[ClockQuality], began: Time<Host>) -> Option<Settling> {
+    let clocks = clocks.iter().map(|clock| (clock.position, clock.settling()));
+    Settling::new(clocks, |at| at - began)
 }
 
 fn figures(

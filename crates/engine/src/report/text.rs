@@ -144,6 +144,12 @@ impl Report {
             ),
             "m",
         )?;
+        if let Some(difference) = counted.difference_at_lock {
+            line("0x092C when clocks locked", difference.words(), "r")?;
+        }
+        for (what, figure) in seen.settling.iter().flat_map(|settling| settling.lines("edges")) {
+            line(what, figure, "t")?;
+        }
         line(
             "frames sent, lost",
             format!("{}, {}", counted.frames_sent, counted.frames_lost),

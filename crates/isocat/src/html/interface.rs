@@ -9,7 +9,9 @@ use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
 use super::Page;
-use super::parts::{counter_cells, figure, findings, notes, origins, range, slack, table, tile};
+use super::parts::{
+    counter_cells, figure, findings, notes, origin, origins, range, slack, table, tile,
+};
 use crate::json::compact;
 use crate::picture::bars::Histogram;
 use crate::picture::cycle::Cycle;
@@ -37,7 +39,13 @@ pub fn page(report: &InterfaceReport, segment: &Segment, command: &str) -> Page 
         (cycles(report, segment))
         (machine(report))
         @if let Some(quality) = &report.quality {
-            section #quality { h2 { "Read in the background" } pre { (quality.plain()) } }
+            section #quality {
+                h2 { "Read in the background" }
+                @if let Some(difference) = report.main_device.difference_at_lock {
+                    p { "0x092C when clocks locked: " (difference.words()) " " (origin("r")) }
+                }
+                pre { (quality.plain()) }
+            }
         }
         (origins())
     };

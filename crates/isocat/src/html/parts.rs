@@ -1,6 +1,7 @@
 //! Common parts of the pages.
 
 use isocat_descriptions::quantity::time;
+use isocat_engine::report::settling::Settling;
 use isocat_engine::report::{Counters, Finding, Note, Span, Spread};
 use maud::{Markup, PreEscaped, html};
 
@@ -57,6 +58,15 @@ pub fn origin(from: &str) -> Markup {
         _ => return html! {},
     };
     html! { abbr title=(words) { "[" (from) "]" } }
+}
+
+/// Rows of a table of facts: what was left of the clocks' phase, by these means.
+pub(crate) fn settling(settling: Option<&Settling>, what: &str, from: &str) -> Markup {
+    html! {
+        @for (name, figure) in settling.iter().flat_map(|settling| settling.lines(what)) {
+            tr { th { (name) " " (origin(from)) } td { (figure) } }
+        }
+    }
 }
 
 /// The explanation of the letters.

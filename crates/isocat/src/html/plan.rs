@@ -7,7 +7,7 @@ use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
 use super::Page;
-use super::parts::{figure, note, notes, origin, slack, table, tile};
+use super::parts::{figure, note, notes, origin, settling, slack, table, tile};
 use crate::json::compact;
 use crate::picture::cycle::Cycle;
 
@@ -164,6 +164,7 @@ fn proof(report: &PlanReport) -> Markup {
                 ", with a host that is either in time or as late as it may be; " (proof.loose)
                 " lines are not tight within a factor of " (proof.factor) "."
             }
+            table.facts { (settling(proof.settling.as_ref(), "edges", "t")) }
             ul { @for finding in &proof.findings { li { (finding) } } }
         }
     }

@@ -21,7 +21,7 @@ use super::Page;
 use super::expected;
 use super::parts::{
     age_cell, bad_tile, counter_cells, error_cells, figure, findings, legend, notes, origin,
-    origins, range as range_of, slack, table, tile,
+    origins, range as range_of, settling, slack, table, tile,
 };
 use super::plant;
 use crate::json::compact;
@@ -554,6 +554,10 @@ impl Run<'_> {
                     }
                     tr { th { "frames for bring-up, of these for the clocks " (origin("m")) }
                         td { (counted.bring_up_frames) ", " (counted.drift_frames) } }
+                    @if let Some(difference) = counted.difference_at_lock {
+                        tr { th { "0x092C when clocks locked " (origin("r")) } td { (difference.words()) } }
+                    }
+                    (settling(seen.settling.as_ref(), "edges", "t"))
                     tr { th { "cycles, wrong working counters " (origin("m")) }
                         td { (counted.cycles) ", " (counted.working_counter_errors) } }
                 }

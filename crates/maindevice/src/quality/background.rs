@@ -118,7 +118,7 @@ impl Background {
     /// Sets whether drift frames fail to reach all clocks.
     pub(super) fn set_unled(&mut self, unled: bool) {
         for clock in &mut self.clocks.all {
-            clock.unled = unled;
+            clock.set_unled(unled);
         }
     }
 

@@ -3,6 +3,7 @@
 use alloc::vec::Vec;
 
 use isocat_sync::drift::{Convergence, Limits, SETTLED_PPB};
+use isocat_sync::settling::Settling;
 use isocat_wire::StationAddress;
 use isocat_wire::dc::{ActivationStatus, DifferencePolarity, SystemTimeDifference};
 use isocat_wire::frame;
@@ -59,8 +60,9 @@ pub struct ClockQuality {
     worst_count: usize,
     limits: Limits,
     convergence: Convergence,
+    settling: Settling<Time<Host>>,
     /// Whether no drift frame reaches it.
-    pub(super) unled: bool,
+    unled: bool,
     alarms: [Hysteresis; Alarm::OF_CLOCKS.len()],
     /// Whether none of them is raised, nor has a bad reading behind it.
     calm: bool,
@@ -94,6 +96,12 @@ impl ClockQuality {
     /// Slope of the last sixteen differences, ns per second; 0 with fewer.
     pub fn slope_ppb(&self) -> i64 {
         self.convergence.slope_ppb().unwrap_or(0)
+    }
+
+    /// How the differences go from the first reading on, as long as drift frames reach the clock
+    /// and its registers answer.
+    pub fn settling(&self) -> &Settling<Time<Host>> {
+        &self.settling
     }
 
     /// Largest distance of this clock from the reference clock, as far as registers show it. It is
@@ -139,6 +147,7 @@ impl ClockQuality {
             worst_count: 0,
             limits,
             convergence: Convergence::new(limits),
+            settling: Settling::default(),
             unled: false,
             alarms: [CALM; Alarm::OF_CLOCKS.len()],
             calm: true,
@@ -156,6 +165,14 @@ impl ClockQuality {
         self.polarity = device.difference_polarity;
         let bar = device.measured_delay.and_then(|delay| delay.bar());
         self.delay_bar = bar.map_or(Nanos::ZERO, |bar| Nanos((bar.0 + 999) / 1_000));
+    }
+
+    /// Sets whether drift frames fail to reach it.
+    pub(super) fn set_unled(&mut self, unled: bool) {
+        self.unled = unled;
+        if unled {
+            self.settling.close();
+        }
     }
 
     /// Called when its delay has changed: earlier readings make no slope with later ones.
@@ -183,6 +200,7 @@ impl ClockQuality {
             self.worst_count = sizes().filter(|size| *size == self.worst).count();
         }
         self.convergence.sample(at, difference);
+        self.settling.sample(at, difference.into());
         self.calm
             && size <= self.limit()
             && !activation.is_some_and(|activation| activation.sync0_pending())
@@ -231,6 +249,10 @@ impl ClockQuality {
                 continue;
             }
             if let Some(raised) = hysteresis.sample(bad, good) {
+                // It may come back from a way up of its own.
+                if alarm == Alarm::Silent {
+                    self.settling.close();
+                }
                 let (position, found) =
                     (self.position, Found::Clock { difference, slope_ppb: slope });
                 changes.push(Change { position, alarm, raised, found });

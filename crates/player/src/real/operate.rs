@@ -186,8 +186,8 @@ impl<'p, 'a> Operation<'p, 'a> {
         let readings = if answered { &devices[..] } else { &[] };
         let verdict = self.engine.end(now - self.began, &self.seen, &[], readings);
         let Seen { segment, background, .. } = self.seen;
-        let quality =
-            Quality::of_background(&background, &segment.devices, self.quality, now - self.began);
+        let time = (self.began, now - self.began);
+        let quality = Quality::of_background(&background, &segment.devices, self.quality, time);
         let verdicts = Verdicts {
             verdict,
             devices: if answered { devices } else { Vec::new() },

@@ -164,6 +164,14 @@ impl Line {
         self.exchange(self.number.is_multiple_of(16));
     }
 
+    /// Delays this and all further cycles by so much, and runs one; returns the bytes of its first
+    /// frame as it comes back.
+    pub fn delayed_cycle(&mut self, by: Picos) -> &[u8] {
+        self.now += by;
+        self.exchange(false);
+        &self.buffer
+    }
+
     /// Asserts that every SubDevice is in this state.
     pub fn assert_state(&self, state: AlState) {
         for (position, device) in self.segment.devices().iter().enumerate() {

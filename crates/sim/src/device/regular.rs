@@ -8,7 +8,7 @@
 use isocat_esc::EscEvent;
 use isocat_subdevice::{Event, Place, Step};
 use isocat_wire::AlState;
-use isocat_wire::time::{Device as DeviceClock, Time};
+use isocat_wire::time::{Device as DeviceClock, Nanos, Time};
 
 use super::Device;
 use crate::cpu::{Action, Plan, Sequence, What};
@@ -67,9 +67,15 @@ impl Device {
                 return End::Irregular;
             }
             let at = frame.min(sync);
-            // What the CPU does at an instant, it does before all that the ESC does then.
-            if self.present.due() <= at.min(limit) {
-                self.go_on(at.min(limit), worked, watch);
+            // What the CPU does at an instant, it does before all that the ESC does then; but where
+            // it accesses the ESC, a frame that ends at the instant has ended.
+            let due = self.present.due();
+            if due == frame && frame <= limit {
+                return End::Irregular;
+            }
+            let limit_of_steps = (frame + Nanos(-1)).min(sync).min(limit);
+            if due <= limit_of_steps {
+                self.go_on(limit_of_steps, worked, watch);
                 continue;
             }
             if at > limit {
@@ -201,7 +207,8 @@ impl Device {
     ) {
         let Some(&sequence) = self.sequence(place) else { return };
         let end = at + sequence.end();
-        let alone = self.esc.cyclic_dues().is_some_and(|(frame, sync)| end <= frame.min(sync));
+        let dues = self.esc.cyclic_dues();
+        let alone = dues.is_some_and(|(frame, sync)| end < frame && end <= sync);
         if !alone || end > limit || !self.stack.does_whole_steps() {
             return self.begin_later(at, place);
         }

@@ -1,5 +1,6 @@
 //! Checks that SYNC0 edges are on the configured grid.
 
+use isocat_sync::settling::Settling;
 use isocat_wire::time::{Picos, Time, True};
 
 use super::Grid;
@@ -17,12 +18,20 @@ pub struct Sync0Error {
     /// The last edge, and its error.
     last: Option<(Time<True>, Picos)>,
     first_beyond: Option<(Time<True>, Picos)>,
+    settling: Settling<Time<True>>,
 }
 
 impl Sync0Error {
     /// A judge that expects edges on `grid` with an error of at most `limit`.
     pub fn new(grid: Grid, limit: Picos) -> Self {
-        Self { grid, limit, statistics: Statistics::default(), last: None, first_beyond: None }
+        Self {
+            grid,
+            limit,
+            statistics: Statistics::default(),
+            last: None,
+            first_beyond: None,
+            settling: Settling::default(),
+        }
     }
 
     /// Takes an edge at true time `at`, when the system time of the reference clock was
@@ -30,6 +39,7 @@ impl Sync0Error {
     pub fn edge(&mut self, at: Time<True>, reference_ps: i128) -> Picos {
         let error = self.follow(at, self.grid.error(reference_ps));
         self.statistics.push(error.0);
+        self.settling.sample(at, error);
         if error.abs() > self.limit && self.first_beyond.is_none() {
             self.first_beyond = Some((at, error));
         }
@@ -42,6 +52,9 @@ impl Sync0Error {
     fn follow(&mut self, at: Time<True>, error: Picos) -> Picos {
         let cycle = Picos::from(self.grid.cycle).0;
         let last = self.last.filter(|(last, _)| (at - *last).0 <= PAUSE * cycle);
+        if last.is_none() && self.last.is_some() {
+            self.settling.close();
+        }
         let gap = last.map_or(0, |(_, last)| last.0 - error.0);
         // As a rule it is the same cycle, and nothing is to be divided.
         let cycles = if gap.abs() < cycle / 2 { 0 } else { (gap + cycle / 2).div_euclid(cycle) };
@@ -53,6 +66,11 @@ impl Sync0Error {
     /// Figures of all edges.
     pub fn statistics(&self) -> &Statistics {
         &self.statistics
+    }
+
+    /// How the errors go from the first edge on, as long as edges come without a pause.
+    pub fn settling(&self) -> &Settling<Time<True>> {
+        &self.settling
     }
 
     /// The error of the last edge; `None` before the first.
@@ -119,6 +137,11 @@ mod tests {
             judge.edge(Time::new(1), 450_000_000);
             judge.edge(Time::new(1 + pause), 4_900_000_000);
             assert_eq!(judge.last(), Some(Picos(error)), "{pause}");
+            for more in 2..=4 {
+                judge.edge(Time::new(more + pause), 4_900_000_000);
+            }
+            let continues = error == 900_000_000;
+            assert_eq!(judge.settling().first().is_some(), continues, "{pause}");
         }
     }
 

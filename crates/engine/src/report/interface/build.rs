@@ -13,6 +13,7 @@ use crate::report::build::{
     application, counters, delay_error, delay_unknown, plan_line, summary, verdict_of_modes,
 };
 use crate::report::services;
+use crate::report::settling::Difference;
 use crate::report::times::MeasuredTimes;
 use crate::report::typed::{KindDocument, StateRead};
 use crate::report::words::{self, Family};
@@ -180,6 +181,7 @@ fn main_device(outcome: &Outcome) -> SegmentMainDevice {
             frames => frames,
         },
         drift_frames: counts.drift_burst,
+        difference_at_lock: Difference::at_lock(&outcome.segment),
         frames_sent: counts.frames_sent,
         frames_lost: counts.frames_lost,
         cycles: counts.cycles,

@@ -112,6 +112,9 @@ impl InterfaceReport {
             format!("{frames}, of these {} for the clocks", counted.drift_frames),
             "m",
         )?;
+        if let Some(difference) = counted.difference_at_lock {
+            line("0x092C when clocks locked", difference.words(), "r")?;
+        }
         line(
             "frames sent, lost",
             format!("{}, {}", counted.frames_sent, counted.frames_lost),

@@ -366,6 +366,14 @@ impl Device {
             // What ends at an instant has ended before SYNC0 of that instant looks.
             if cpu == at {
                 self.act(watch);
+                // With nothing left on the agenda, what follows may be regular again.
+                if self.cpu.is_idle() {
+                    if self.regular(limit, watch) {
+                        return;
+                    }
+                    self.regular = false;
+                    self.put_present();
+                }
                 continue;
             }
             let event = if esc == at { self.esc.step(at) } else { None };

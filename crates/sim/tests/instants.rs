@@ -1,5 +1,6 @@
 //! Two things at one instant: the same with the lane and without, at each tick of a cycle.
 
+use isocat_sim::Watcher;
 use isocat_wire::time::Picos;
 
 #[path = "../benches/line/mod.rs"]
@@ -7,33 +8,28 @@ mod line;
 
 use line::Line;
 
-/// Frames come a tick later in each cycle than in the one before, until they have come at each
+/// Frames come a tick earlier in each cycle than in the one before, until they have come at each
 /// place of a cycle: their ends meet SYNC pulses, and beginnings and ends of all steps.
 #[test]
 fn a_frame_may_end_when_a_step_does() {
     let mut both = [true, false].map(|lane| {
         let mut line = Line::with_constant_hops(1);
         line.segment.set_lane(lane);
-        line
+        (line, Watcher::of_everything())
     });
-    let tick = Picos(10_000);
+    let tick = Picos(-10_000);
     for number in 0..=line::cycle_of(1).0 / 10 {
-        let [one, other] = both.each_mut().map(|line| {
-            let bytes = line.delayed_cycle(tick).to_vec();
+        let [one, other] = both.each_mut().map(|(line, watcher)| {
+            let bytes = line.moved_cycle(tick, watcher).to_vec();
+            let seen: Vec<_> = watcher.take().collect();
             let device = &line.segment.devices()[0];
             let (esc, sync) = (&device.esc, device.stack.sync());
-            let labels = (esc.label(2), esc.label(3), esc.next_event());
-            (
-                bytes,
-                labels,
-                device.stack.state(),
-                sync.missed_events_total(),
-                sync.sm_event_missed(),
-            )
+            let counters = (sync.missed_events_total(), sync.sm_event_missed());
+            (bytes, seen, esc.label(2), esc.label(3), device.stack.state(), counters)
         });
-        assert_eq!(one, other, "{number} ticks later");
+        assert_eq!(one, other, "{number} ticks earlier");
     }
-    let [one, other] = both.each_ref().map(|line| {
+    let [one, other] = both.each_ref().map(|(line, _)| {
         let device = &line.segment.devices()[0];
         (device.esc.registers(), device.esc.ram().to_vec(), format!("{:?}", device.stack.sync()))
     });

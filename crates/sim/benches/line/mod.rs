@@ -14,7 +14,7 @@ use isocat_esc::LAN9252;
 use isocat_maindevice::{AssumedTimes, Config, DeviceConfig, Event, Motion};
 use isocat_sim::segment::Segment;
 use isocat_sim::{
-    Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Setup, Tap, World,
+    Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Setup, Tap, Watcher, World,
 };
 use isocat_subdevice::description::{Behaviour, Description, ProcessDataArea};
 use isocat_subdevice::io::IoOf;
@@ -164,11 +164,11 @@ impl Line {
         self.exchange(self.number.is_multiple_of(16));
     }
 
-    /// Delays this and all further cycles by so much, and runs one; returns the bytes of its first
-    /// frame as it comes back.
-    pub fn delayed_cycle(&mut self, by: Picos) -> &[u8] {
+    /// Moves this and all further cycles by so much, and runs one with a watcher; returns the bytes
+    /// of its last frame as it comes back.
+    pub fn moved_cycle(&mut self, by: Picos, watch: &mut Watcher) -> &[u8] {
         self.now += by;
-        self.exchange(false);
+        self.exchange_watched(false, watch);
         &self.buffer
     }
 
@@ -190,6 +190,10 @@ impl Line {
     }
 
     fn exchange(&mut self, check: bool) {
+        self.exchange_watched(check, &mut Watcher::blind());
+    }
+
+    fn exchange_watched(&mut self, check: bool, watch: &mut Watcher) {
         let start = self.now;
         let mut at = start;
         self.number = self.number.wrapping_add(1);
@@ -203,7 +207,7 @@ impl Line {
                     self.buffer[offset + layout.data()..offset + layout.wkc()].fill(self.number);
                 }
             }
-            let end = self.segment.pass(&mut self.buffer, at, &mut isocat_sim::Watcher::blind());
+            let end = self.segment.pass(&mut self.buffer, at, watch);
             let end = end.expect("no cable is disturbed").last_bit;
             if check {
                 self.check(number);

@@ -69,9 +69,9 @@ impl Tap for Acyclic {
     fn observed(&mut self, _: &Segment, _: Time<True>, _: &Observation) {}
 }
 
-/// Nor does it between two readings of registers and objects; a reading of an object does allocate,
-/// and so does a step in which one is under way. Registers of clocks are read without. Rings, moments and alarms take no memory while the segment
-/// runs.
+/// Nor does it between two readings of objects; a reading of an object does allocate, and so does a
+/// step in which one is under way. Registers of clocks are read without. Rings, moments and alarms
+/// take no memory while the segment runs.
 #[test]
 fn watching_quality_allocates_only_when_it_reads() {
     let mut setup = Scenario::from(SegmentFile::built_in()).run().setup;

@@ -70,12 +70,11 @@ impl Device {
             // What the CPU does at an instant, it does before all that the ESC does then; but where
             // it accesses the ESC, a frame that ends at the instant has ended.
             let due = self.present.due();
-            if due == frame && frame <= limit {
-                return End::Irregular;
-            }
-            let limit_of_steps = (frame + Nanos(-1)).min(sync).min(limit);
-            if due <= limit_of_steps {
-                self.go_on(limit_of_steps, worked, watch);
+            if due <= at.min(limit) {
+                if due == frame {
+                    return End::Irregular;
+                }
+                self.go_on((frame + Nanos(-1)).min(sync).min(limit), worked, watch);
                 continue;
             }
             if at > limit {

@@ -183,7 +183,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// As [`handle_event`](Self::handle_event), for a caller with enough memory: the steps of an
     /// event are kept in `prepared`, and reused as long as they do not change.
-    #[inline(always)]
+    #[inline]
     pub fn handle_event_prepared<'p, T>(
         &mut self,
         now: Time<Device>,

@@ -325,7 +325,7 @@ impl Device {
     }
 
     /// A step that does not access the ESC.
-    #[inline(always)]
+    #[inline]
     fn step_apart(
         &mut self,
         step: Step,
@@ -340,7 +340,7 @@ impl Device {
     }
 
     /// A step that accesses the ESC.
-    #[inline(always)]
+    #[inline]
     fn step_at_esc(
         &mut self,
         step: Step,

@@ -51,13 +51,9 @@ struct Exchange {
 }
 
 impl CyclicFrame {
-    /// A frame without datagrams.
-    pub const NONE: Self =
-        Self { time: None, outputs: None, inputs: None, both: false, status: None };
-
     /// The frame of these datagrams; `None` if it has others, or more of a kind.
     pub fn of(datagrams: impl Iterator<Item = (Command, Layout)>) -> Option<Self> {
-        let mut frame = Self::NONE;
+        let mut frame = Self::default();
         for (number, (command, layout)) in datagrams.enumerate() {
             let (address, len) = (layout.header.address, layout.header.len);
             let part = Part { number, at: layout.data(), count: 0 };

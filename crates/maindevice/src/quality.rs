@@ -94,8 +94,8 @@ impl Monitor {
         cycle * CLOCKS_A_CYCLE >= self.clocks_read && self.background.has_clocks_to_read(now)
     }
 
-    /// The clocks to read, if some are due, as many as fit into a frame of so many `octets`, into
-    /// the empty `wanted`.
+    /// Puts the clocks that are due into the empty `wanted`, as many as can be read in a frame of
+    /// `octets` bytes.
     pub fn clocks_to_read(
         &mut self,
         now: Time<Host>,

@@ -137,8 +137,8 @@ impl Convergence {
         (self.count >= WINDOW).then(|| slope_ppb(self.line()))
     }
 
-    /// Whether the slope is at most so many ns per second, up or down; true while there are too few
-    /// readings. No difference in the window is farther from zero than `worst`. It needs no
+    /// Whether the slope is at most `most_ppb` ns per second, up or down; true while there are too
+    /// few readings. No difference in the window is farther from zero than `worst`. It needs no
     /// division.
     #[inline]
     pub fn is_flat(&self, most_ppb: u32, worst: Nanos) -> bool {

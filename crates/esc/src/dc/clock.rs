@@ -66,29 +66,14 @@ impl Clock {
         let (plus, minus) = (u64::from(clock.gain.period), u64::from(clock.loss.period));
         let area = plus * minus;
         let speed = TICK * area + minus - plus;
-        let mut ticks = match target.checked_mul(area) {
+        let ticks = match target.checked_mul(area) {
             Some(product) => product / speed,
             None => (u128::from(target) * u128::from(area) / u128::from(speed)) as u64,
         };
         if ticks > FAR {
             return (Time::NEVER, None);
         }
-        // A tick is 9 to 11 ns, so one step is usually enough.
-        let mut advance = clock.advance(ticks);
-        while advance >= target && ticks > 0 {
-            if advance - target < TICK - 1 {
-                break;
-            }
-            let before = clock.advance(ticks - 1);
-            if before < target {
-                break;
-            }
-            (ticks, advance) = (ticks - 1, before);
-        }
-        while advance < target {
-            ticks += 1;
-            advance = clock.advance(ticks);
-        }
+        let (ticks, advance) = first(ticks, target, |ticks| clock.advance(ticks));
         // Before the last change of speed, time passed at the nominal speed.
         let passed = (clock.base == from_tick).then_some(advance);
         (Time::new((clock.base + ticks) * TICK), passed)
@@ -101,23 +86,10 @@ impl Clock {
         let (plus, minus) = (u64::from(self.gain.period), u64::from(self.loss.period));
         let area = plus * minus;
         // A period has 15 bits, so the product has no more than 61.
-        let mut ticks = (u64::from(target) * area / (TICK * area + minus - plus)) as u32;
-        let mut advance = self.gain_of(ticks);
-        while advance >= target && ticks > 0 {
-            if advance - target < TICK as u32 - 1 {
-                break;
-            }
-            let before = self.gain_of(ticks - 1);
-            if before < target {
-                break;
-            }
-            (ticks, advance) = (ticks - 1, before);
-        }
-        while advance < target {
-            ticks += 1;
-            advance = self.gain_of(ticks);
-        }
-        (ticks, advance)
+        let ticks = u64::from(target) * area / (TICK * area + minus - plus);
+        let advance = |ticks| u64::from(self.gain_of(ticks as u32));
+        let (ticks, advance) = first(ticks, target.into(), advance);
+        (ticks as u32, advance as u32)
     }
 
     /// [`Self::advance`] of a number of ticks that is below [`SOON`] / 5.
@@ -235,6 +207,28 @@ fn divide(number: u64, by: u32) -> (u64, u32) {
         Ok(number) => (u64::from(number / by), number % by),
         Err(_) => (number / u64::from(by), (number % u64::from(by)) as u32),
     }
+}
+
+/// The first number of ticks after which a clock has gained `target` ns or more, and what it has
+/// gained then. `ticks` is an estimate; a tick is 9 to 11 ns, so one step is usually enough.
+#[inline]
+fn first(mut ticks: u64, target: u64, gained: impl Fn(u64) -> u64) -> (u64, u64) {
+    let mut advance = gained(ticks);
+    while advance >= target && ticks > 0 {
+        if advance - target < TICK - 1 {
+            break;
+        }
+        let before = gained(ticks - 1);
+        if before < target {
+            break;
+        }
+        (ticks, advance) = (ticks - 1, before);
+    }
+    while advance < target {
+        ticks += 1;
+        advance = gained(ticks);
+    }
+    (ticks, advance)
 }
 
 /// The tick that an instant lies in.

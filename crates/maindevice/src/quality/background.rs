@@ -63,8 +63,8 @@ impl Background {
         self.clocks.is_due(now)
     }
 
-    /// The next clocks, at most so many and as many as fit into a frame of so many bytes, into the
-    /// empty `wanted`.
+    /// Puts the next clocks into the empty `wanted`. `most`: the largest number of clocks, and the
+    /// bytes of the frame into which their reads must fit.
     pub(super) fn next_clocks(
         &mut self,
         now: Time<Host>,

@@ -320,8 +320,9 @@ impl Clocks {
         self.all.iter().any(|clock| !clock.awaited)
     }
 
-    /// The clocks to read now, at most so many and as many as fit into a frame of `octets`, one at
-    /// least. The wire time of their frame decides when the next ones are due.
+    /// Puts the clocks to read now into `wanted`: at most `most`, whose reads fit into a frame of
+    /// `octets` bytes, and one at least. The wire time of their frame decides when the next ones
+    /// are due.
     pub fn batch(
         &mut self,
         now: Time<Host>,
@@ -371,7 +372,7 @@ impl Clocks {
     }
 }
 
-/// Bytes of a frame with so many bytes of datagrams.
+/// Bytes of a frame whose datagrams have `datagrams` bytes.
 fn frame_len(datagrams: usize) -> usize {
     frame::ETHERNET_HEADER_LEN + frame::ETHERCAT_HEADER_LEN + datagrams
 }

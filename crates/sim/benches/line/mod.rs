@@ -164,8 +164,8 @@ impl Line {
         self.exchange(self.number.is_multiple_of(16));
     }
 
-    /// Moves this and all further cycles by so much, and runs one with a watcher; returns the bytes
-    /// of its last frame as it comes back.
+    /// Moves this and all further cycles by this time, and runs one with a watcher; returns the
+    /// bytes of its last frame as it comes back.
     pub fn moved_cycle(&mut self, by: Picos, watch: &mut Watcher) -> &[u8] {
         self.now += by;
         self.exchange_watched(false, watch);

@@ -11,6 +11,7 @@ use isocat_wire::command::Command;
 use isocat_wire::datagram::Address;
 use isocat_wire::dc::ActivationStatus;
 use isocat_wire::mailbox::{ErrorDetail, Protocol};
+use isocat_wire::sii::MailboxArea;
 use isocat_wire::soe::{self, Idn};
 use isocat_wire::time::{Dc, Nanos, Time};
 use isocat_wire::{AbortCode, ObjectAddress, PortNumber};
@@ -322,6 +323,8 @@ pub enum SiiProblem {
     },
     /// A mailbox area is longer than a frame can carry.
     MailboxLength(u16),
+    /// A mailbox area is not within the memory of an ESC (0x1000 to 0xFFFF).
+    MailboxPlace(MailboxArea),
 }
 
 /// Why a mapping cannot be made.
@@ -732,6 +735,11 @@ impl fmt::Display for SiiProblem {
             SiiProblem::MailboxLength(length) => {
                 write!(f, "SII names a mailbox of {length} bytes, one datagram carries 16 to 1486")
             }
+            SiiProblem::MailboxPlace(MailboxArea { start, length }) => write!(
+                f,
+                "SII names a mailbox of {length} bytes at {start:#06x}, the memory of an ESC goes \
+                 from 0x1000 to 0xFFFF"
+            ),
         }
     }
 }

@@ -213,13 +213,22 @@ pub(crate) async fn take_over(
     if device.has_mailbox() {
         let header = &device.sii.header;
         for area in [header.receive, header.send] {
-            if !MAILBOX_LENGTHS.contains(&area.length) {
-                let problem = SiiProblem::MailboxLength(area.length);
-                return Err(Cause::Sii { place: device.place(), problem });
-            }
+            check_area(area).map_err(|problem| Cause::Sii { place: device.place(), problem })?;
         }
     }
     link.write(device.station, register::EEPROM_CONFIGURATION, 1).await?;
+    Ok(())
+}
+
+/// Whether a mailbox can be used: a datagram carries it, and it is where an ESC has memory.
+fn check_area(area: MailboxArea) -> Result<(), SiiProblem> {
+    if !MAILBOX_LENGTHS.contains(&area.length) {
+        return Err(SiiProblem::MailboxLength(area.length));
+    }
+    let last = area.start.checked_add(area.length - 1);
+    if area.start < register::PROCESS_RAM || last.is_none() {
+        return Err(SiiProblem::MailboxPlace(area));
+    }
     Ok(())
 }
 
@@ -521,3 +530,23 @@ const MOST_PATIENCES: i64 = 600;
 const POLL: Nanos = Nanos(100_000);
 /// Pause before another attempt after a missing acknowledge.
 const RETRY: Nanos = Nanos(1_000_000);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mailbox_lies_in_memory_and_fits_a_datagram() {
+        let check = |start, length| check_area(MailboxArea { start, length });
+        for (start, length) in [(0x1000, 16), (0x1000, 1486), (0xFFF0, 16), (0xFA32, 1486)] {
+            assert_eq!(check(start, length), Ok(()), "{start:#06x} {length}");
+        }
+        for length in [0, 15, 1487, u16::MAX] {
+            assert_eq!(check(0x1000, length), Err(SiiProblem::MailboxLength(length)));
+        }
+        for (start, length) in [(0x0FFF, 16), (0, 16), (0xFFF1, 16), (0xFA33, 1486)] {
+            let problem = SiiProblem::MailboxPlace(MailboxArea { start, length });
+            assert_eq!(check(start, length), Err(problem));
+        }
+    }
+}

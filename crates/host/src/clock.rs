@@ -1,27 +1,28 @@
 //! The host's clock, and instants that the kernel stamped with another clock.
 
-use std::time::Duration;
-
 use isocat_wire::time::{Host, Nanos, Time};
-use rustix::time::{ClockId, clock_gettime};
+use rustix::thread::clock_nanosleep_absolute;
+use rustix::time::{ClockId, Timespec};
 
 use super::sys;
 
 /// The present host time: `CLOCK_MONOTONIC`, ns.
 pub fn now() -> Time<Host> {
-    Time::new(read(ClockId::Monotonic))
+    Time::new(sys::clock(libc::CLOCK_MONOTONIC))
 }
 
 /// Wall time less host time at this moment, ns. Added to later instants of the host's clock it
 /// gives a wall time that does not jump.
 pub fn wall_offset() -> i64 {
-    read(ClockId::Realtime).wrapping_sub(now().count()) as i64
+    sys::clock(libc::CLOCK_REALTIME).wrapping_sub(now().count()) as i64
 }
 
 /// Sleeps until an instant. A signal may end the sleep early, so the caller must check the clock
 /// again.
 pub fn sleep_until(at: Time<Host>) {
-    sys::sleep_until(Duration::from_nanos(at.count()));
+    let until = timespec(at - Time::ZERO);
+    // The only error is a signal.
+    let _ = clock_nanosleep_absolute(ClockId::Monotonic, &until);
 }
 
 /// Turns the kernel's stamps, which show `CLOCK_REALTIME`, into host time. Both clocks agree on the
@@ -42,10 +43,10 @@ impl Stamps {
     }
 
     /// The instant of a stamp, but never before that of the frame before; and the present one.
-    pub fn instant(&mut self, stamp: Option<Duration>) -> (Time<Host>, Time<Host>) {
-        let wall = read(ClockId::Realtime);
+    pub fn instant(&mut self, stamp: Option<u64>) -> (Time<Host>, Time<Host>) {
+        let wall = sys::clock(libc::CLOCK_REALTIME);
         let now = now();
-        (self.at(stamp.map(|stamp| stamp.as_nanos() as u64), wall, now), now)
+        (self.at(stamp, wall, now), now)
     }
 
     fn at(&mut self, stamp: Option<u64>, wall: u64, now: Time<Host>) -> Time<Host> {
@@ -56,9 +57,10 @@ impl Stamps {
     }
 }
 
-fn read(clock: ClockId) -> u64 {
-    let time = clock_gettime(clock);
-    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+/// A span in the form of the kernel; zero if it is negative.
+pub(super) fn timespec(span: Nanos) -> Timespec {
+    let ns = span.0.max(0);
+    Timespec { tv_sec: ns / 1_000_000_000, tv_nsec: ns % 1_000_000_000 }
 }
 
 #[cfg(test)]

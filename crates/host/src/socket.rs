@@ -2,8 +2,8 @@
 
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-use isocat_wire::time::{Host, Nanos, Time};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use isocat_wire::time::{Host, Time};
+use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::Errno;
 use rustix::net::SendFlags;
 
@@ -107,7 +107,7 @@ impl RawSocket {
     /// Sleeps until a frame arrives, `until` is reached or a signal comes. Returns whether a frame
     /// may have arrived. One system call.
     pub fn wait(&self, until: Option<Time<Host>>) -> Result<bool, LinkError> {
-        let timeout = until.map(|until| timespec(until - clock::now()));
+        let timeout = until.map(|until| clock::timespec(until - clock::now()));
         let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
         match poll(&mut fds, timeout.as_ref()) {
             Ok(ready) => Ok(ready > 0),
@@ -121,12 +121,6 @@ impl AsFd for RawSocket {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.socket.as_fd()
     }
-}
-
-/// A span in the form of `poll`; zero if it is negative.
-fn timespec(span: Nanos) -> Timespec {
-    let ns = span.0.max(0);
-    Timespec { tv_sec: ns / 1_000_000_000, tv_nsec: ns % 1_000_000_000 }
 }
 
 /// Bytes of frames that may wait in the kernel: a burst of a thousand full ones.

@@ -4,7 +4,6 @@
 use std::io;
 use std::mem::{MaybeUninit, size_of};
 use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
-use std::time::Duration;
 
 /// EtherType of EtherCAT, as the kernel wants it.
 const PROTOCOL: u16 = (0x88A4_u16).to_be();
@@ -99,8 +98,8 @@ pub(super) fn dropped(socket: BorrowedFd<'_>) -> io::Result<u32> {
 pub(super) struct Taken {
     /// Its length on the wire, which may exceed the buffer.
     pub len: usize,
-    /// The kernel's stamp of its arrival, as `CLOCK_REALTIME` shows it.
-    pub stamp: Option<Duration>,
+    /// The kernel's stamp of its arrival, as `CLOCK_REALTIME` shows it, ns.
+    pub stamp: Option<u64>,
     /// Whether this machine sent it.
     pub outgoing: bool,
 }
@@ -134,8 +133,7 @@ pub(super) fn receive(socket: BorrowedFd<'_>, buffer: &mut [u8]) -> io::Result<T
             if kind == (libc::SOL_SOCKET, libc::SCM_TIMESTAMPNS) {
                 let time: libc::timespec =
                     libc::CMSG_DATA(message).cast::<libc::timespec>().read_unaligned();
-                let seconds = u64::try_from(time.tv_sec).unwrap_or(0);
-                stamp = Some(Duration::new(seconds, u32::try_from(time.tv_nsec).unwrap_or(0)));
+                stamp = Some(nanos(time));
             }
             message = libc::CMSG_NXTHDR(&raw const header, message);
         }
@@ -155,19 +153,20 @@ pub(super) fn schedule_fifo(priority: i32) -> io::Result<()> {
     if result < 0 { Err(io::Error::last_os_error()) } else { Ok(()) }
 }
 
-/// Sleeps until `CLOCK_MONOTONIC` shows this; a signal ends it early.
-pub(super) fn sleep_until(at: Duration) {
-    let until =
-        libc::timespec { tv_sec: at.as_secs() as libc::time_t, tv_nsec: at.subsec_nanos().into() };
-    // SAFETY: the time outlives the call; no remainder is asked for.
-    unsafe {
-        libc::clock_nanosleep(
-            libc::CLOCK_MONOTONIC,
-            libc::TIMER_ABSTIME,
-            &raw const until,
-            std::ptr::null_mut(),
-        );
-    }
+/// What a clock of the system shows, ns. Read by the C library: it needs no system call, and tools
+/// that count instructions can follow it.
+pub(super) fn clock(number: libc::clockid_t) -> u64 {
+    let mut time = MaybeUninit::<libc::timespec>::zeroed();
+    // SAFETY: the time outlives the call, and all-zero is a valid one.
+    let time = unsafe {
+        libc::clock_gettime(number, time.as_mut_ptr());
+        time.assume_init()
+    };
+    nanos(time)
+}
+
+fn nanos(time: libc::timespec) -> u64 {
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }
 
 /// Whether the interface is up and its cable has a signal.

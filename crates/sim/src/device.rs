@@ -95,8 +95,10 @@ impl Device {
             application: setup.application,
             mapped: false,
             acted: false,
-            plant: None,
-            sampler: setup.sampling.map(|sampling| Box::new(Sampler::new(sampling))),
+            beside: setup.sampling.map(|sampling| {
+                let sampler = Some(Sampler::new(sampling));
+                Box::new(Beside { plant: None, sampler })
+            }),
         };
         let mut description = setup.description;
         // When it acknowledges SYNC is the CPU's.
@@ -146,31 +148,31 @@ impl Device {
     /// Attaches a plant to it.
     pub(crate) fn attach(&mut self, setup: PlantSetup) {
         self.regular = false;
-        self.application().plant = Some(Box::new(Plant::new(setup)));
+        self.application().take_plant(Some(Plant::new(setup)));
     }
 
     /// Moves its plant to the SubDevice that replaces it.
     pub(crate) fn hand_over_plant(&mut self, to: &mut Self) {
         (self.regular, to.regular) = (false, false);
-        to.application().plant = self.application().plant.take();
+        let plant = self.application().plant().and_then(Option::take);
+        to.application().take_plant(plant);
     }
 
     /// Takes the actions on its plant since the last call, in order; empty without a plant.
     pub(crate) fn take_acted(&mut self) -> impl Iterator<Item = Acted> + '_ {
-        self.application().plant.iter_mut().flat_map(|plant| plant.take_acted())
+        self.application().plant().into_iter().flatten().flat_map(|plant| plant.take_acted())
     }
 
     /// Where its samples lie, if it oversamples.
     pub fn sampling(&self) -> Option<&Sampling> {
-        self.stack.application().sampler.as_deref().map(Sampler::sampling)
+        self.stack.application().sampler().map(Sampler::sampling)
     }
 
     /// Tells its plant the time of the next action.
     #[inline]
     fn tell_time(&mut self, at: Time<DeviceClock>) {
-        if self.stack.application_mut().plant.is_some() {
-            let now = self.oscillator.when(at);
-            self.application().plant.iter_mut().for_each(|plant| plant.tell_time(now));
+        if let Some(Some(plant)) = self.stack.application_mut().plant() {
+            plant.tell_time(self.oscillator.when(at));
         }
     }
 
@@ -452,7 +454,9 @@ impl Device {
             }
             Step::OutputsValid if self.application().take_acted() => {
                 let frame = self.mapped;
-                self.application().plant.iter_mut().for_each(|plant| plant.brought_by(frame));
+                if let Some(Some(plant)) = self.application().plant() {
+                    plant.brought_by(frame);
+                }
                 frame
             }
             Step::LatchInputs => {
@@ -486,8 +490,7 @@ impl Device {
     /// Whether neither a plant nor converters look at its application.
     #[inline]
     fn is_bare(&self) -> bool {
-        let application = self.stack.application();
-        application.plant.is_none() && application.sampler.is_none()
+        self.stack.application().beside.is_none()
     }
 
     fn application(&mut self) -> &mut BoxedApplication {
@@ -541,7 +544,7 @@ impl Device {
     ) {
         self.report(at, observed, content, watch);
         self.tell_time(at);
-        let samples = self.stack.application().sampler.is_some();
+        let samples = self.stack.application().sampler().is_some();
         if samples {
             self.begin_sampling(at);
         }
@@ -558,14 +561,14 @@ impl Device {
     /// What the converters do at the event that follows, they do at this instant.
     fn begin_sampling(&mut self, at: Time<DeviceClock>) {
         let now = self.oscillator.when(at);
-        if let Some(sampler) = &mut self.application().sampler {
+        if let Some(Beside { sampler: Some(sampler), .. }) = self.application().beside.as_deref_mut() {
             sampler.tell_time(now);
             sampler.clear_seen();
         }
     }
 
     fn tell_samples(&self, at: Time<DeviceClock>, watch: &mut Watcher) {
-        let sampler = self.stack.application().sampler.as_deref();
+        let sampler = self.stack.application().sampler();
         for sample in sampler.map(Sampler::seen).unwrap_or_default() {
             self.report(at, Observed::Sampled(*sample), Content::default(), watch);
         }
@@ -657,10 +660,16 @@ pub struct BoxedApplication {
     mapped: bool,
     /// Whether its outputs acted since the last check.
     acted: bool,
+    /// What else looks at its process data; few devices have it.
+    beside: Option<Box<Beside>>,
+}
+
+/// What looks at the process data of a device beside its application.
+struct Beside {
     /// The plant that its outputs move.
-    plant: Option<Box<Plant>>,
+    plant: Option<Plant>,
     /// The converters of a device that oversamples.
-    sampler: Option<Box<Sampler>>,
+    sampler: Option<Sampler>,
 }
 
 impl BoxedApplication {
@@ -671,45 +680,82 @@ impl BoxedApplication {
     fn take_acted(&mut self) -> bool {
         std::mem::take(&mut self.acted)
     }
+
+    /// Where its plant is; `None` if nothing is beside it.
+    fn plant(&mut self) -> Option<&mut Option<Plant>> {
+        self.beside.as_deref_mut().map(|beside| &mut beside.plant)
+    }
+
+    fn take_plant(&mut self, plant: Option<Plant>) {
+        if plant.is_some() || self.beside.is_some() {
+            let nothing = || Box::new(Beside { plant: None, sampler: None });
+            self.beside.get_or_insert_with(nothing).plant = plant;
+        }
+    }
+
+    fn sampler(&self) -> Option<&Sampler> {
+        self.beside.as_deref()?.sampler.as_ref()
+    }
 }
 
 impl Application for BoxedApplication {
     fn power_off(&mut self) {
-        self.plant.iter_mut().for_each(|plant| plant.release());
-        self.sampler.iter_mut().for_each(|sampler| sampler.power_off());
+        if let Some(Beside { plant, sampler }) = self.beside.as_deref_mut() {
+            plant.iter_mut().for_each(|plant| plant.release());
+            sampler.iter_mut().for_each(|sampler| sampler.power_off());
+        }
         self.application.power_off();
     }
+    #[inline]
     fn event(&mut self, event: Event) {
-        self.sampler.iter_mut().for_each(|sampler| sampler.event(event));
+        if let Some(Beside { sampler: Some(sampler), .. }) = self.beside.as_deref_mut() {
+            sampler.event(event);
+        }
         self.application.event(event);
     }
+    #[inline]
     fn map_outputs(&mut self, outputs: &[u8]) {
         self.mapped = true;
-        self.plant.iter_mut().for_each(|plant| plant.map(outputs));
-        self.sampler.iter_mut().for_each(|sampler| sampler.map(outputs));
+        if let Some(Beside { plant, sampler }) = self.beside.as_deref_mut() {
+            plant.iter_mut().for_each(|plant| plant.map(outputs));
+            sampler.iter_mut().for_each(|sampler| sampler.map(outputs));
+        }
         self.application.map_outputs(outputs);
     }
+    #[inline]
     fn application(&mut self, cycle: isocat_wire::Nanos) {
         self.application.application(cycle);
     }
+    #[inline]
     fn outputs_valid(&mut self) {
         self.acted = true;
-        self.plant.iter_mut().for_each(|plant| plant.act());
+        if let Some(Beside { plant: Some(plant), .. }) = self.beside.as_deref_mut() {
+            plant.act();
+        }
         self.application.outputs_valid();
     }
+    #[inline]
     fn latch_inputs(&mut self) {
-        self.plant.iter_mut().for_each(|plant| plant.latch());
-        self.sampler.iter_mut().for_each(|sampler| sampler.latch());
+        if let Some(Beside { plant, sampler }) = self.beside.as_deref_mut() {
+            plant.iter_mut().for_each(|plant| plant.latch());
+            sampler.iter_mut().for_each(|sampler| sampler.latch());
+        }
         self.application.latch_inputs();
     }
+    #[inline]
     fn map_inputs(&mut self, inputs: &mut [u8]) {
-        self.sampler.iter().for_each(|sampler| sampler.show(inputs));
+        let Some(Beside { plant, sampler }) = self.beside.as_deref() else {
+            return self.application.map_inputs(inputs);
+        };
+        sampler.iter().for_each(|sampler| sampler.show(inputs));
         self.application.map_inputs(inputs);
-        self.plant.iter().for_each(|plant| plant.show(inputs));
+        plant.iter().for_each(|plant| plant.show(inputs));
     }
     fn safe_outputs(&mut self) {
-        self.plant.iter_mut().for_each(|plant| plant.release());
-        self.sampler.iter_mut().for_each(|sampler| sampler.release());
+        if let Some(Beside { plant, sampler }) = self.beside.as_deref_mut() {
+            plant.iter_mut().for_each(|plant| plant.release());
+            sampler.iter_mut().for_each(|sampler| sampler.release());
+        }
         self.application.safe_outputs();
     }
     fn read_object(

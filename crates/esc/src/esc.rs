@@ -10,6 +10,7 @@ use isocat_wire::{AlStatus, Nanos, PortNumber, Time};
 use crate::access::Units;
 use crate::al::Al;
 use crate::chip::Chip;
+use crate::cyclic::Lane;
 use crate::dc::DcUnit;
 use crate::dc::drift_law::DriftLaw;
 use crate::dc::latch::LatchInput;
@@ -86,6 +87,8 @@ pub struct Esc<M> {
     pub(crate) lane: bool,
     /// Where process data lies, if that is known.
     pub(crate) areas: Known,
+    /// How it takes cyclic frames as a whole, if its areas are known.
+    pub(crate) cyclic: Lane,
 }
 
 /// The frame in flight.
@@ -108,6 +111,8 @@ pub(crate) struct Flight {
     pub brought: Brought,
     /// The sender's label for the frame.
     pub label: u64,
+    /// It was passed as a whole, and everything that it does at its end is known.
+    pub is_cyclic: bool,
     /// PDI control bytes that the PDI wrote during the frame, and their SyncManagers.
     pub pdi_control: [u8; 16],
     pub pdi_control_written: u16,
@@ -125,6 +130,7 @@ impl Flight {
         latches: false,
         brought: Brought::NONE,
         label: 0,
+        is_cyclic: false,
         pdi_control: [0; 16],
         pdi_control_written: 0,
     };
@@ -204,6 +210,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             eeprom_is_dead: false,
             lane: true,
             areas: Known::Nothing,
+            cyclic: Lane::CLOSED,
         };
         esc.start(Time::ZERO, 0);
         esc

@@ -160,6 +160,28 @@ const fn place(address: u16) -> usize {
     PLACES[(address >> 4) as usize % PLACES.len()] as usize + (address & 15) as usize
 }
 
+/// Copies bytes to as many others. Up to 32 need no call of a function, and process data is seldom
+/// longer.
+#[inline]
+pub(crate) fn copy(from: &[u8], to: &mut [u8]) {
+    debug_assert_eq!(from.len(), to.len());
+    // The ends of both overlap, unless the length is that of two.
+    fn ends<const LEN: usize>(from: &[u8], to: &mut [u8]) -> Option<()> {
+        let (first, last) = (*from.first_chunk::<LEN>()?, *from.last_chunk::<LEN>()?);
+        *to.first_chunk_mut()? = first;
+        *to.last_chunk_mut()? = last;
+        Some(())
+    }
+    match from.len() {
+        16..=32 => ends::<16>(from, to),
+        8..16 => ends::<8>(from, to),
+        4..8 => ends::<4>(from, to),
+        2..4 => ends::<2>(from, to),
+        _ => None,
+    }
+    .unwrap_or_else(|| to.copy_from_slice(from));
+}
+
 /// Bytes that the frame in flight has written to registers.
 ///
 /// Only lines of 16 registers in which ECAT may write have a place, and only those that frames have

@@ -200,6 +200,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                 } else {
                     esc.flight.pdi_control[number] = value;
                     esc.flight.pdi_control_written |= 1 << number;
+                    esc.flight.is_cyclic = false;
                 }
             }
             _ => esc.registers.set_byte(address, value),

@@ -157,6 +157,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.flight.latches = false;
         self.flight.brought = Brought::NONE;
         self.flight.label = 0;
+        self.flight.is_cyclic = false;
         self.flight.acknowledged = 0;
         self.flight.latch_times = 0;
         self.flight.enabled = [false; 2];

@@ -56,6 +56,7 @@ impl Reach {
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// The present reach. It is valid until [`reach_version`](Self::reach_version) changes.
+    #[inline(never)]
     pub fn reach(&self) -> Reach {
         let control = self.register(register::DL_CONTROL);
         let (first, end) = self.fmmus.hull();

@@ -13,43 +13,30 @@ use isocat_wire::register::{self, PROCESS_RAM, features};
 use isocat_wire::time::Device;
 use isocat_wire::{Command, Time};
 
+use crate::cyclic::Lane;
 use crate::esc::{ECAT_AL_STATUS, Esc, EscEvent, Flight};
 use crate::fmmu::Single;
 use crate::pdi::EscPdi;
-use crate::sync_manager::Direction;
+use crate::sync_manager::{Direction, Simple};
 
 /// Process data with a usual setup: one FMMU and one SyncManager for each direction, of equal
 /// length.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Areas {
-    outputs: Option<Area>,
-    inputs: Option<Area>,
-    /// Its station address and its alias, if it answers to that.
-    pub stations: [Option<u16>; 2],
+    pub outputs: Option<Area>,
+    pub inputs: Option<Area>,
+    /// Its station address and its alias; the same twice if it answers to no alias.
+    pub stations: [u16; 2],
     /// Most bytes of the system time that it takes: 8, 4, or none.
     pub time_len: u8,
-    /// Whether datagrams show no events of it.
-    pub takes_cyclic: bool,
-}
-
-impl Areas {
-    /// Logical address, length and SyncManager of the outputs (written by the wire) or the inputs.
-    #[inline]
-    pub fn area(&self, direction: Direction) -> Option<(u32, u16, u8)> {
-        let area = match direction {
-            Direction::Write => self.outputs,
-            Direction::Read => self.inputs,
-        };
-        area.map(|area| (area.logical, area.length, area.sync_manager))
-    }
 }
 
 /// One direction.
 #[derive(Clone, Copy, Debug)]
-struct Area {
-    logical: u32,
+pub(crate) struct Area {
+    pub logical: u32,
     physical: u16,
-    length: u16,
+    pub length: u16,
     sync_manager: u8,
 }
 
@@ -114,7 +101,7 @@ pub(crate) enum Known {
 }
 
 /// The system time that the frame in flight brought, if the frame wrote no other registers.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Default, Debug)]
 pub(crate) struct Brought {
     pub bytes: [u8; 8],
     /// 4 or 8 bytes; 0 if the frame brought no time.
@@ -214,11 +201,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         address: u32,
         data: &mut [u8],
     ) -> Option<u16> {
-        let areas = match self.areas {
-            Known::Usual(areas) => areas,
-            Known::Unusual => return None,
-            Known::Nothing => self.look_for_areas()?,
-        };
+        if matches!(self.areas, Known::Nothing) {
+            self.look_for_areas();
+        }
+        let Known::Usual(areas) = &self.areas else { return None };
         let place = |area: Option<Area>, wanted: bool| match area.filter(|_| wanted) {
             None => Some(None),
             Some(area) => Some(Some((area.place(address, data.len())?, area.sync_manager))),
@@ -246,14 +232,27 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         Some(count)
     }
 
-    /// Finds the areas after a change of registers; `None` if they are not usual, or not known yet.
-    pub(crate) fn look_for_areas(&mut self) -> Option<Areas> {
+    /// Finds the areas after a change of registers, as far as they can be known.
+    #[inline(never)]
+    pub(crate) fn look_for_areas(&mut self) {
         if !self.is_regular_ram() {
-            return None;
+            return;
         }
-        let found = self.find_areas();
-        self.areas = found.map_or(Known::Unusual, Known::Usual);
-        found
+        self.areas = self.find_areas().map_or(Known::Unusual, Known::Usual);
+        self.cyclic.close();
+        let Known::Usual(areas) = &self.areas else { return };
+        let simple = |area: Option<Area>, written: bool| match area {
+            None => Some(Simple::NONE),
+            Some(area) => self.sync_managers.simple(area.sync_manager.into(), written),
+        };
+        let shows_events = self.registers.load(register::ECAT_EVENT_MASK) != 0;
+        if let (Some(outputs), Some(inputs)) =
+            (simple(areas.outputs, true), simple(areas.inputs, false))
+            && !self.al.is_emulated()
+            && !shows_events
+        {
+            self.cyclic.open(outputs, inputs);
+        }
     }
 
     /// Returns the areas if FMMUs and SyncManagers of process data have the usual setup.
@@ -268,22 +267,18 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             let number = self.sync_managers.three_buffers(physical, length)?;
             Some(Some(Area { logical, physical, length, sync_manager: number as u8 }))
         };
+        let (outputs, inputs) = (area(Fmmu::WRITE)?, area(Fmmu::READ)?);
         let (station, control) = (register::STATION_ADDRESS, register::DL_CONTROL);
         let has_alias = self.registers.byte(control.address + 3) & 1 != 0;
-        let alias = has_alias.then(|| self.registers.load(register::STATION_ALIAS));
+        let station = self.registers.load(station);
+        let alias = if has_alias { self.registers.load(register::STATION_ALIAS) } else { station };
         let is_protected = self.registers.load(register::REGISTER_WRITE_PROTECTION) & 1 != 0;
         let time_len = match () {
             () if is_protected || !self.units.takes_time() => 0,
             () if self.units.takes_wide_time() => 8,
             () => 4,
         };
-        let areas = Areas {
-            outputs: area(Fmmu::WRITE)?,
-            inputs: area(Fmmu::READ)?,
-            stations: [Some(self.registers.load(station)), alias],
-            time_len,
-            takes_cyclic: self.registers.load(register::ECAT_EVENT_MASK) == 0,
-        };
+        let areas = Areas { outputs, inputs, stations: [station, alias], time_len };
         // A SyncManager serves one direction: if both FMMUs lead to the same one, the slow path
         // decides.
         let number = |area: Option<Area>| area.map(|area| area.sync_manager);
@@ -359,6 +354,40 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// event request that it newly set. `None`: the frame brought more, and nothing was done.
     #[inline]
     pub fn end_regular_frame(&mut self) -> Option<u32> {
+        if !self.flight.is_cyclic {
+            return self.end_answered_frame();
+        }
+        if !matches!(self.areas, Known::Usual(_)) {
+            return None;
+        }
+        let Flight { start, end: now, label, brought, .. } = self.flight;
+        let Lane { outputs, inputs, .. } = &self.cyclic;
+        let managers = &mut self.sync_managers;
+        let closed = managers.take_closed();
+        let (mut al_events, mut watchdog) = (0, false);
+        if outputs.is_in(closed) {
+            al_events |= managers.end_write(outputs, label);
+            watchdog = outputs.watchdog;
+        }
+        if inputs.is_in(closed) {
+            al_events |= managers.end_read(inputs);
+        }
+        // The rest of the flight is as without a frame.
+        (self.flight.start, self.flight.end) = (Time::ZERO, Time::NEVER);
+        self.flight.brought.len = 0;
+        if watchdog {
+            self.trigger_watchdog(now);
+        }
+        if !brought.is_none() {
+            let [a, b, c, d, ..] = brought.bytes;
+            self.dc.follow_whole((start, now), [a, b, c, d], &mut self.registers);
+        }
+        Some(al_events)
+    }
+
+    /// The same for a frame that was answered datagram by datagram.
+    #[inline(never)]
+    fn end_answered_frame(&mut self) -> Option<u32> {
         let Flight { start, end: now, label, brought, acknowledged, .. } = self.flight;
         let more = acknowledged != 0
             || self.flight.latch_times != 0
@@ -367,10 +396,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if more || !self.lane || self.al.is_emulated() {
             return None;
         }
-        self.flight.end = Time::NEVER;
-        (self.flight.start, self.flight.irq, self.flight.label) = (Time::ZERO, 0, 0);
-        (self.flight.latches, self.flight.brought) = (false, Brought::NONE);
-        self.flight.enabled = [false; 2];
+        self.flight = Flight::NONE;
         let exchanged = self.sync_managers.end_good_frame(label);
         if exchanged.watchdog {
             self.trigger_watchdog(now);
@@ -386,4 +412,4 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 }
 
-const TIME: u16 = register::SYSTEM_TIME.address;
+pub(crate) const TIME: u16 = register::SYSTEM_TIME.address;

@@ -5,66 +5,15 @@
 //! ([`Reach`]); they are rebuilt when a datagram needs them after a change. ESCs whose reach may
 //! change by itself are listed, and updated before the audience of a frame is gathered.
 
-use isocat_esc::{Reach, Usual};
+use isocat_esc::Reach;
 use isocat_wire::Command;
-use isocat_wire::datagram::{Layout, Layouts};
-use isocat_wire::frame;
 
-/// A datagram of the present frame.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Item {
-    pub layout: Layout,
-    pub command: Command,
-    /// Its kind, if it is a usual one.
-    pub usual: Option<Usual>,
-    pub irq: u16,
-    pub wkc: u16,
-}
-
-impl Item {
-    /// The address on arrival at a place, incremented by all places before.
-    pub fn address_at(&self, place: usize) -> u32 {
-        let address = self.layout.header.address;
-        if self.command.increments_position() {
-            address & 0xFFFF_0000 | u32::from((address as u16).wrapping_add(place as u16))
-        } else {
-            address
-        }
-    }
-
-    fn concerns_all(&self) -> bool {
-        use Command::*;
-        matches!(self.command, Brd | Bwr | Brw | Armw | Frmw)
-    }
-}
-
-/// Reads the datagrams of a frame and returns the offset of its payload. Unknown commands and NOP
-/// pass unchanged and are left out. `None` for frames that each ESC must process as a whole: those
-/// in another form than EtherCAT on Ethernet, and those with a truncated chain of datagrams.
-pub(crate) fn read(bytes: &[u8], items: &mut Vec<Item>) -> Option<usize> {
-    items.clear();
-    let offset = frame::payload_offset(bytes).ok()?;
-    let payload = &bytes[offset..];
-    let mut layouts = Layouts::new();
-    while let Some(layout) = layouts.next(payload) {
-        let layout = layout.ok()?;
-        match layout.header.command() {
-            Err(_) | Ok(Command::Nop) => {}
-            Ok(command) => {
-                let wkc = u16::from_le_bytes([payload[layout.wkc()], payload[layout.wkc() + 1]]);
-                let header = layout.header;
-                let usual = Usual::of(command, header.address, header.len.into());
-                items.push(Item { layout, command, usual, irq: header.irq, wkc });
-            }
-        }
-    }
-    Some(offset)
-}
+use crate::datagrams::Item;
 
 /// The reaches of all places, and the indexes over them.
 pub(crate) struct Audience {
     reaches: Vec<Reach>,
-    versions: Vec<Option<u32>>,
+    versions: Vec<u64>,
     /// Places whose reach may have changed when the next frame comes, and a mark for each place.
     restless: Vec<u32>,
     is_restless: Vec<bool>,
@@ -88,7 +37,7 @@ impl Audience {
     pub fn new(places: usize) -> Self {
         Self {
             reaches: vec![Reach::default(); places],
-            versions: vec![None; places],
+            versions: vec![UNKNOWN; places],
             restless: (0..places as u32).collect(),
             is_restless: vec![true; places],
             indexed: false,
@@ -103,12 +52,17 @@ impl Audience {
     }
 
     /// Updates the reach of a place if its version has changed.
+    #[inline]
     pub fn update(&mut self, place: usize, version: u32, reach: impl FnOnce() -> Reach) {
-        if self.versions[place] == Some(version) {
-            return;
+        if self.versions[place] != u64::from(version) {
+            self.versions[place] = version.into();
+            self.replace(place, reach());
         }
-        self.versions[place] = Some(version);
-        let (old, new) = (self.reaches[place], reach());
+    }
+
+    #[inline(never)]
+    fn replace(&mut self, place: usize, new: Reach) {
+        let old = self.reaches[place];
         if new == old {
             return;
         }
@@ -240,3 +194,6 @@ impl Audience {
         }
     }
 }
+
+/// A version of no reach.
+const UNKNOWN: u64 = u64::MAX;

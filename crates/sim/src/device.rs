@@ -321,22 +321,26 @@ impl Device {
         self.quiet_until = self.quiet_until.min(self.esc.quiet_until());
     }
 
-    /// Passes a cyclic frame whose first bit left the MainDevice at `sent`. `false`: nothing was
-    /// done, see [`Esc::pass_cyclic`].
+    /// Passes a cyclic frame whose first bit left the MainDevice at `sent`, and that lasts from
+    /// `begin` to `end` here. `false`: nothing was done, see [`Esc::pass_cyclic`].
     #[inline]
     pub(crate) fn pass_cyclic(
         &mut self,
-        times: (Time<DeviceClock>, Time<DeviceClock>),
+        begin: Time<DeviceClock>,
+        end: Time<True>,
         sent: Time<True>,
         frame: &mut CyclicFrame,
         place: usize,
         payload: &mut [u8],
     ) -> bool {
-        if !self.esc.pass_cyclic(times, sent.count(), frame, place, payload) {
+        let Self { esc, oscillator, .. } = self;
+        let end = || oscillator.read(end);
+        let Some(due) = esc.pass_cyclic(begin, end, sent.count(), frame, place, payload) else {
             return false;
-        }
+        };
         self.frame = sent;
-        self.quiet_until = self.quiet_until.min(self.esc.quiet_until());
+        self.quiet_until = self.quiet_until.min(due);
+        debug_assert!(self.quiet_until <= self.esc.quiet_until());
         true
     }
 

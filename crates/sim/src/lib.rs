@@ -28,6 +28,7 @@ pub mod cable;
 pub mod course;
 pub mod cpu;
 mod cyclic_frame;
+mod datagrams;
 pub mod device;
 mod disturbance;
 pub mod expect;

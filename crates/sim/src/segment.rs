@@ -1,14 +1,15 @@
 //! The segment: SubDevices in their tree, and frames passing through them.
 
-use isocat_esc::{Chip, CyclicFrame, Passing};
+use isocat_esc::{Chip, Passing};
 use isocat_subdevice::Misbehaviour;
 use isocat_wire::address::PortNumber;
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
 use isocat_wire::{AlStatusCode, Command, frame, register};
 
-use crate::audience::{self, Audience, Item};
+use crate::audience::Audience;
 use crate::cable::{Cable, Direction, Phy};
+use crate::datagrams::Datagrams;
 use crate::device::{Device, DeviceSetup};
 use crate::disturbance::{BitError, Cause, Change, Disturbances, Notice, lines};
 use crate::fault::RING_CABLE;
@@ -90,11 +91,9 @@ pub struct Segment {
     /// Whether a frame may have changed loops, some of which may still be about to change.
     unsettled: bool,
     /// The audiences of frames from each MainDevice port.
-    audiences: [Audience; 2],
+    pub(crate) audiences: [Audience; 2],
     /// The datagrams of the present frame.
-    items: Vec<Item>,
-    /// The present frame, if it is a cyclic one.
-    pub(crate) cyclic: Option<CyclicFrame>,
+    pub(crate) datagrams: Datagrams,
     /// By SubDevice: whether the present frame latches receive times.
     pub(crate) latched: Vec<bool>,
     any_latched: bool,
@@ -176,8 +175,7 @@ impl Segment {
             stale: true,
             unsettled: false,
             audiences: [Audience::new(0), Audience::new(0)],
-            items: Vec::with_capacity(128),
-            cyclic: None,
+            datagrams: Datagrams::new(),
             latched: vec![false; count],
             any_latched: false,
             next_frame: NextFrame::new(exists),
@@ -497,7 +495,8 @@ impl Segment {
         watch: &mut Watcher,
     ) -> Result<Returned, Lost> {
         self.settle(start, watch);
-        self.unsettled |= may_change_loops(bytes);
+        self.datagrams.read(from, bytes);
+        self.unsettled |= self.datagrams.present().cyclic.is_none() && may_change_loops(bytes);
         let duration = duration(bytes.len());
         let (path, devices) = (&mut self.paths[from as usize], &self.devices);
         path.time((start, duration), &mut self.ports, |device| devices[device].oscillator());
@@ -525,16 +524,13 @@ impl Segment {
         self.last_frame = Some((from, start));
         let times = (start, start + duration);
         self.settle_audience(from, start, watch);
-        let mut items = std::mem::take(&mut self.items);
-        let offset = audience::read(bytes, &mut items);
-        let fate = match offset {
+        let fate = match self.datagrams.present().offset {
             Some(offset) if !self.audiences[from as usize].stops_circulating() => {
-                self.pass_to_audience(from, (bytes, offset), &mut items, times, watch);
+                self.pass_to_audience(from, (bytes, offset), times, watch);
                 Ok(())
             }
             _ => self.pass_to_all(from, bytes, times, watch),
         };
-        self.items = items;
         self.latch_returns(from, start);
         fate?;
         self.remember_frame(from, start);
@@ -550,35 +546,35 @@ impl Segment {
         &mut self,
         from: MainPort,
         (bytes, offset): (&mut [u8], usize),
-        items: &mut [Item],
         times: (Time<True>, Time<True>),
         watch: &mut Watcher,
     ) {
-        let visits = self.audiences[from as usize].gather(items);
-        self.find_cyclic(items);
+        let visits = self.audiences[from as usize].gather(&self.datagrams.present().items);
         let places = self.paths[from as usize].entries.len();
+        if self.pass_cyclic((from, visits), &mut bytes[offset..], times, watch) {
+            return self.finish(from, bytes, offset, places);
+        }
         let mut watched = self.watched_places(from).into_iter().peekable();
         for number in 0..visits.unwrap_or(places) {
             let place = visits.map_or(number, |_| self.audiences[from as usize].visit(number));
             while let Some(passed) = watched.next_if(|at| *at < place) {
-                self.look((from, passed), false, items, (bytes, offset), times.0);
-                self.look((from, passed), true, items, (bytes, offset), times.0);
+                self.look((from, passed), false, (bytes, offset), times.0);
+                self.look((from, passed), true, (bytes, offset), times.0);
             }
             let is_watched = watched.next_if_eq(&place).is_some();
             if is_watched {
-                self.look((from, place), false, items, (bytes, offset), times.0);
+                self.look((from, place), false, (bytes, offset), times.0);
             }
-            self.offer((from, place), items, &mut bytes[offset..], times, watch);
+            self.offer((from, place), &mut bytes[offset..], times, watch);
             if is_watched {
-                self.look((from, place), true, items, (bytes, offset), times.0);
+                self.look((from, place), true, (bytes, offset), times.0);
             }
         }
-        self.count_cyclic(items);
         for passed in watched {
-            self.look((from, passed), false, items, (bytes, offset), times.0);
-            self.look((from, passed), true, items, (bytes, offset), times.0);
+            self.look((from, passed), false, (bytes, offset), times.0);
+            self.look((from, passed), true, (bytes, offset), times.0);
         }
-        self.finish(from, items, bytes, offset, places);
+        self.finish(from, bytes, offset, places);
     }
 
     /// Places with a probe on the way from a port, in processing order.
@@ -592,16 +588,16 @@ impl Segment {
 
     /// Shows a probe the frame as it enters or (`processed`) leaves its place. Values that were
     /// counted separately are written into a copy.
+    #[inline(never)]
     fn look(
         &mut self,
         (from, place): (MainPort, usize),
         processed: bool,
-        items: &[Item],
         (bytes, offset): (&[u8], usize),
         start: Time<True>,
     ) {
         let mut seen = bytes.to_vec();
-        self.finish(from, items, &mut seen, offset, place + usize::from(processed));
+        self.finish(from, &mut seen, offset, place + usize::from(processed));
         let entry = self.paths[from as usize].entries[place];
         self.show(start, entry, processed, seen);
     }
@@ -663,7 +659,6 @@ impl Segment {
     fn offer(
         &mut self,
         (from, place): (MainPort, usize),
-        items: &mut [Item],
         payload: &mut [u8],
         (start, end): (Time<True>, Time<True>),
         watch: &mut Watcher,
@@ -674,20 +669,26 @@ impl Segment {
         let begin: Time<DeviceClock> = device.oscillator().read(start + entry.after);
         device.advance(begin, watch);
         self.stale |= device.ports_changed();
-        let esc = &mut device.esc;
         // Since the audience was gathered, only a reset by the device itself is possible.
-        audience.update(place, esc.reach_version(), || esc.reach());
-        if let Some(frame) = &mut self.cyclic {
-            let sent = self.copy_of.unwrap_or(start);
-            let end = device.oscillator().read(end + entry.after);
-            if device.pass_cyclic((begin, end), sent, frame, place, payload) {
-                return;
-            }
-        }
+        audience.update(place, device.esc.reach_version(), || device.esc.reach());
+        self.answer((from, place), begin, payload, (start, end));
+    }
+
+    /// Lets a SubDevice answer a parsed frame that arrives there at `begin`.
+    pub(crate) fn answer(
+        &mut self,
+        (from, place): (MainPort, usize),
+        begin: Time<DeviceClock>,
+        payload: &mut [u8],
+        (start, end): (Time<True>, Time<True>),
+    ) {
+        let audience = &mut self.audiences[from as usize];
+        let entry = self.paths[from as usize].entries[place];
+        let device = &mut self.devices[entry.device];
         let esc = &mut device.esc;
         esc.begin_good_frame(begin);
         let mut latch = false;
-        for item in items {
+        for item in &mut self.datagrams.present_mut().items {
             if !audience.concerns(place, item) {
                 continue;
             }
@@ -759,19 +760,12 @@ impl Segment {
 
     /// Writes the values that were counted separately into the frame: those of this number of
     /// places.
-    fn finish(
-        &self,
-        from: MainPort,
-        items: &[Item],
-        bytes: &mut [u8],
-        offset: usize,
-        places: usize,
-    ) {
+    fn finish(&self, from: MainPort, bytes: &mut [u8], offset: usize, places: usize) {
         if self.audiences[from as usize].marks_frames(places) {
             bytes[6] |= frame::LOCALLY_ADMINISTERED;
         }
         let payload = &mut bytes[offset..];
-        for item in items {
+        for item in &self.datagrams.present().items {
             let (at, wkc) = (item.layout.start, item.layout.wkc());
             let address = item.address_at(places);
             payload[at + 2..at + 6].copy_from_slice(&address.to_le_bytes());
@@ -945,6 +939,7 @@ impl Segment {
             Path::over(&self.wiring, loops, carries, reception, port)
         });
         self.stale = false;
+        self.datagrams.forget();
         self.find_waiting_ports();
         self.forget_audiences();
     }

@@ -238,7 +238,9 @@ pub(crate) fn tick(at: Time<Device>) -> u64 {
 
 /// The first tick at or after an instant.
 pub(crate) fn ceil(at: Time<Device>) -> Time<Device> {
-    Time::new(at.count().div_ceil(TICK).saturating_mul(TICK))
+    let over = at.count() % TICK;
+    let ahead = if over == 0 { 0 } else { TICK - over };
+    Time::new(at.count().saturating_add(ahead))
 }
 
 /// A span of local time, ns, that fits into 32 bits with all that is counted on the way.

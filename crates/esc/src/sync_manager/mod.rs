@@ -68,7 +68,9 @@ pub(crate) struct SyncManagers {
     guarding: u16,
     /// The guarding units whose area no other unit overlaps.
     alone: u16,
-    /// Those of them that are [plain](Unit::is_plain), if the PDI releases buffers by reading.
+    /// Those of them that are [plain](Unit::is_plain) for ECAT, and for the PDI too, if that
+    /// releases buffers by reading.
+    simple: u16,
     plain: u16,
     /// The address behind the last buffer of all units.
     reserved_end: usize,
@@ -97,6 +99,41 @@ struct Slot {
     labels: [u64; 3],
 }
 
+/// A SyncManager of three buffers that records no times: all effects of an exchange by ECAT are
+/// known.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Simple {
+    /// The bit of the AL event request that an exchange of its buffer sets, if any.
+    event: u32,
+    /// Its bit in sets of SyncManagers.
+    bit: u16,
+    /// The first buffer in process RAM, and the length of each.
+    start: u16,
+    length: u16,
+    number: u8,
+    /// An exchange of its buffer triggers the watchdog, if ECAT writes.
+    pub watchdog: bool,
+}
+
+impl Simple {
+    /// Instead of one that is not used.
+    pub const NONE: Self =
+        Self { event: 0, bit: 0, start: 0, length: 0, number: 0, watchdog: false };
+
+    /// Whether it belongs to this set.
+    #[inline]
+    pub const fn is_in(&self, set: u16) -> bool {
+        self.bit & set != 0
+    }
+
+    /// The bytes of a buffer, and how many.
+    #[inline]
+    fn place(&self, buffer: usize) -> (usize, usize) {
+        let length = usize::from(self.length);
+        (usize::from(self.start) + buffer * length, length)
+    }
+}
+
 impl Slot {
     const REST: Self = Self { unit: Unit::REST, before: Unit::REST, labels: [0; 3] };
 }
@@ -110,6 +147,7 @@ impl SyncManagers {
             count,
             guarding: 0,
             alone: 0,
+            simple: 0,
             plain: 0,
             reserved_end: 0,
             closing: 0,
@@ -212,26 +250,11 @@ impl SyncManagers {
 
     /// Handles the end of a good frame: buffers that ECAT closed change hands, and those that it
     /// wrote get its `label`.
-    #[inline]
     pub fn end_good_frame(&mut self, label: u64) -> Exchanged {
         let closed = core::mem::take(&mut self.closing);
         let mut exchanged = Exchanged { units: closed, ..Exchanged::default() };
         for number in bits(closed) {
             let Slot { unit, labels, .. } = &mut self.slots[number];
-            if self.plain & 1 << number != 0 {
-                let event = unit.config.control & SyncManager::CONTROL_AL_EVENT != 0;
-                let before = if unit.config.is_ecat_write() {
-                    let before = unit.int_written;
-                    labels[unit.producer()] = label;
-                    exchanged.watchdog |= unit.written();
-                    before
-                } else {
-                    core::mem::replace(&mut unit.int_read, true)
-                };
-                unit.ecat_open = false;
-                exchanged.al_events |= u32::from(event && !before) * al_event::sync_manager(number);
-                continue;
-            }
             if unit.config.is_ecat_write() {
                 labels[unit.buffer(Direction::Write)] = label;
             }
@@ -243,6 +266,30 @@ impl SyncManagers {
             exchanged.latch |= unit.config.activate & SyncManager::LATCH_ECAT != 0;
         }
         exchanged
+    }
+
+    /// The same for a SyncManager that [`write_whole`](Self::write_whole) closed. Returns the bit
+    /// of the AL event request that this newly sets.
+    #[inline]
+    pub fn end_write(&mut self, simple: &Simple, label: u64) -> u32 {
+        let Slot { unit, labels, .. } = &mut self.slots[usize::from(simple.number)];
+        let event = if unit.int_written { 0 } else { simple.event };
+        labels[unit.producer()] = label;
+        unit.written();
+        event
+    }
+
+    /// The same after [`read_whole`](Self::read_whole).
+    #[inline]
+    pub fn end_read(&mut self, simple: &Simple) -> u32 {
+        let unit = &mut self.slots[usize::from(simple.number)].unit;
+        if core::mem::replace(&mut unit.int_read, true) { 0 } else { simple.event }
+    }
+
+    /// The SyncManagers whose buffer the frame in flight closed, for a caller that ends them.
+    #[inline]
+    pub fn take_closed(&mut self) -> u16 {
+        core::mem::take(&mut self.closing)
     }
 
     /// Handles the end of a bad frame: everything is as before the frame.
@@ -347,22 +394,48 @@ impl SyncManagers {
         events
     }
 
-    /// ECAT opens, accesses and closes one area as a whole. Returns its place in memory if allowed.
+    /// A SyncManager, if it is simple and ECAT writes its buffer (`written`) or reads it.
+    pub fn simple(&self, number: usize, written: bool) -> Option<Simple> {
+        let config = &self.slots[number].unit.config;
+        let has_event = config.control & SyncManager::CONTROL_AL_EVENT != 0;
+        let is_simple = self.simple & 1 << number != 0 && config.is_ecat_write() == written;
+        is_simple.then(|| Simple {
+            event: if has_event { al_event::sync_manager(number) } else { 0 },
+            bit: 1 << number,
+            start: config.start - PROCESS_RAM as u16,
+            length: config.length,
+            number: number as u8,
+            watchdog: config.control & SyncManager::CONTROL_WATCHDOG != 0,
+        })
+    }
+
+    /// ECAT opens, writes and closes one area as a whole, in a frame known to be good. Returns its
+    /// place in process RAM, and its length.
     #[inline]
+    pub fn write_whole(&mut self, simple: &Simple) -> (usize, usize) {
+        self.closing |= simple.bit;
+        let unit = &mut self.slots[usize::from(simple.number)].unit;
+        unit.write_whole(Side::Ecat);
+        simple.place(unit.producer())
+    }
+
+    /// The same for a read. `None`: nothing was written yet.
+    #[inline]
+    pub fn read_whole(&mut self, simple: &Simple) -> Option<(usize, usize)> {
+        let unit = &mut self.slots[usize::from(simple.number)].unit;
+        unit.read_whole(Side::Ecat)?;
+        self.closing |= simple.bit;
+        Some(simple.place(unit.consumer()))
+    }
+
+    /// ECAT opens, accesses and closes one area as a whole. Returns its place in memory if allowed.
     pub fn ecat_whole(&mut self, direction: Direction, number: usize) -> Option<usize> {
         let Slot { unit, before, .. } = &mut self.slots[number];
         if self.touched & 1 << number == 0 {
             self.touched |= 1 << number;
             *before = *unit;
         }
-        let is_plain = self.plain & 1 << number != 0;
-        let place = match direction {
-            _ if !is_plain || unit.direction_of(Side::Ecat) != direction => {
-                unit.admit(Side::Ecat, direction, 0)?
-            }
-            Direction::Write => unit.write_whole(Side::Ecat),
-            Direction::Read => unit.read_whole(Side::Ecat)?,
-        };
+        let place = unit.admit(Side::Ecat, direction, 0)?;
         unit.ecat_open = false;
         self.closing |= 1 << number;
         Some(place)
@@ -448,7 +521,7 @@ impl SyncManagers {
 
     /// Finds the units whose areas no other unit's buffers overlap, and the end of the last buffer.
     fn find_alone(&mut self) {
-        (self.alone, self.plain, self.reserved_end) = (0, 0, 0);
+        (self.alone, self.simple, self.reserved_end) = (0, 0, 0);
         for number in bits(self.guarding) {
             let unit = &self.slots[number].unit;
             let (start, end) = (usize::from(unit.config.start), unit.end());
@@ -459,9 +532,10 @@ impl SyncManagers {
             });
             if !shared {
                 self.alone |= 1 << number;
-                self.plain |= u16::from(unit.is_plain() && !self.release_by_write) << number;
+                self.simple |= u16::from(unit.is_plain()) << number;
             }
         }
+        self.plain = if self.release_by_write { 0 } else { self.simple };
     }
 
     /// The kind of memory at `address`.

@@ -409,6 +409,9 @@ impl<A: Application, T: Tap> World<A, T> {
         if let Some(tap) = &mut self.tap {
             tap.judging_begins(self.now, &intent);
         }
+        if !self.observes && !self.follows_course {
+            self.watcher.keep_for_judges(intent.is_timed());
+        }
         self.bench.begin(intent);
     }
 
@@ -418,7 +421,8 @@ impl<A: Application, T: Tap> World<A, T> {
             course.end(self.now);
             self.follows_course = false;
             if !self.observes {
-                self.watcher.keep_for_judges();
+                let intent = self.bench.intent();
+                self.watcher.keep_for_judges(intent.is_none_or(Intent::is_timed));
             }
         }
         if let Some(tap) = &mut self.tap {
@@ -620,7 +624,8 @@ impl<A: Application, T: Tap> World<A, T> {
         let course = &mut self.course.as_mut().filter(|_| self.follows_course);
         if tap.is_none() && course.is_none() {
             self.bench.observe_all(&self.segment, self.watcher.seen());
-            return self.watcher.clear();
+            self.watcher.clear();
+            return;
         }
         for observation in self.watcher.take() {
             let measured = self.bench.observe(&self.segment, &observation);

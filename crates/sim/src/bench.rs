@@ -1,19 +1,24 @@
 //! The judges' bench: passes each event to the judges that it concerns.
 
-use isocat_subdevice::{Chain, Step, SyncMode};
+mod binding;
+mod look;
+
+use isocat_subdevice::Step;
 use isocat_wire::time::{Device, Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
 use crate::device;
-use crate::judge::inputs_cycle::{self, Fetched};
+use crate::judge::inputs_cycle::Fetched;
 use crate::judge::{
-    Grid, HostPhase, InputsCycle, LostPulses, MissedEvents, Opportunity, OutputsCycle,
-    OutputsDelay, OutputsValid, Samples, Sync0Error, SyncMargin, outputs_cycle,
+    Grid, HostPhase, InputsCycle, LostPulses, MissedEvents, OutputsCycle, OutputsDelay,
+    OutputsValid, Points, Samples, Sync0Error, SyncMargin, SystemTime,
 };
-use crate::observation::{Content, Observation, Observed};
+use crate::observation::{Observation, Observed};
 use crate::sampling::{Sample, Sampling};
 use crate::segment::Segment;
-use crate::wiring::MainPort;
+use crate::watcher::is_judged;
+use binding::Binding;
+use look::Look;
 
 /// The intent of a run, as the judges know it: never how it was planned.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -36,6 +41,13 @@ pub struct Intent {
     pub sync0_limit: Picos,
     /// Largest spread allowed of the time from the acting pulse to valid outputs.
     pub outputs_spread: Picos,
+}
+
+impl Intent {
+    /// Whether SYNC0 is configured at a SubDevice.
+    pub(crate) fn is_timed(&self) -> bool {
+        self.sync0.iter().any(Option::is_some)
+    }
 }
 
 /// All judges of a run.
@@ -82,30 +94,19 @@ pub struct DeviceBench {
     pub missed: MissedEvents,
     /// All changes of state, from power-on.
     pub states: Vec<StateChange>,
-    /// Cycle of the next outputs.
+    /// Cycle of the next outputs; `None` too without SYNC0.
     cycle: Option<i64>,
-    /// The pulses to which its process data are bound.
-    bounds: Bounds,
-}
-
-/// The first opportunities of a SubDevice's process data, at SYNC0 and SYNC1; `None` if unknown.
-#[derive(Clone, Copy, Debug, Default)]
-struct Bounds {
-    outputs: [Option<Opportunity>; 2],
-    inputs: [Option<Opportunity>; 2],
-}
-
-impl Bounds {
-    fn new(sync0: Option<Grid>, acting: Option<Grid>, exchange: Option<Grid>) -> Self {
-        let Some(frames) = exchange else { return Self::default() };
-        // A SYNC1 at which outputs act comes once for each exchange.
-        let sync1 = acting.map(|acting| Grid { cycle: frames.cycle, ..acting });
-        let pulses = [sync0, sync1];
-        Self {
-            outputs: pulses.map(|pulse| Opportunity::new(frames, pulse?)),
-            inputs: pulses.map(|pulse| Opportunity::new(pulse?, frames)),
-        }
-    }
+    /// Whether SYNC0 is configured.
+    is_timed: bool,
+    /// The points at which its outputs should act; `None` if they act at no pulse.
+    acting: Option<Points>,
+    /// Whether these are the points of SYNC0.
+    acts_on_sync0_grid: bool,
+    /// The last time that was converted to true time: as a rule inputs are latched at the instant
+    /// of a pulse, or when outputs become valid.
+    converted: (Time<Device>, Time<True>),
+    /// The events to which its process data are bound.
+    binding: Binding,
 }
 
 /// A change of state as it happened at the SubDevice.
@@ -137,13 +138,17 @@ impl Bench {
             let of = |grids: &[Option<Grid>]| grids.get(position).copied().flatten();
             let sync0 = of(&intent.sync0);
             device.sync0 = sync0.map(|grid| Sync0Error::new(grid, intent.sync0_limit));
+            device.is_timed = sync0.is_some();
+            device.cycle = device.cycle.filter(|_| device.is_timed);
             device.lost_pulses = LostPulses::default();
             device.margin = SyncMargin::default();
             device.outputs_delay = OutputsDelay::new(intent.outputs_spread);
             device.outputs_cycle = OutputsCycle::default();
             device.inputs_cycle = InputsCycle::default();
             (device.input_samples, device.output_samples) = Default::default();
-            device.bounds = Bounds::new(sync0, of(&intent.acting), of(&intent.exchange));
+            let acting = of(&intent.acting);
+            (device.acting, device.acts_on_sync0_grid) = (acting.map(Points::new), acting == sync0);
+            device.binding = Binding::default();
         }
         let synchronized = intent.sync0.iter().flatten().count();
         self.outputs_valid = OutputsValid::new(synchronized);
@@ -191,62 +196,56 @@ impl Bench {
         let entry = segment.path().entries.iter().find(|entry| entry.device == intent.reference);
         if let Some(entry) = entry {
             let at = start + entry.after;
-            judge.frame(leader.system_time_ps(at));
+            judge.meet(leader.system_time(at));
         }
     }
 
     /// Takes an event at a SubDevice; returns what was measured of it.
     pub fn observe(&mut self, segment: &Segment, observation: &Observation) -> Measured {
-        let index = observation.device;
-        let subject = &segment.devices()[index];
-        let device = &mut self.devices[index];
-        device.note_state(subject, observation);
-        let Some(intent) = &self.intent else { return Measured::default() };
-        if let Some(sampling) = subject.sampling() {
-            device.follow_samples(subject, observation, sampling);
+        if !is_judged(observation.event) {
+            return Measured::default();
         }
-        let look = Look { segment, subject, leader: leader(self.led, intent, segment), intent };
-        device.judge(&look, observation, &mut self.outputs_valid)
+        self.observe_all(segment, std::slice::from_ref(observation))
     }
 
-    /// Takes events at SubDevices, in their order. As a rule several of one SubDevice follow each
-    /// other.
-    pub fn observe_all(&mut self, segment: &Segment, observations: &[Observation]) {
-        let leader = self.intent.as_ref().and_then(|intent| leader(self.led, intent, segment));
-        for observations in observations.chunk_by(|one, next| one.device == next.device) {
-            let index = observations[0].device;
-            let subject = &segment.devices()[index];
-            let device = &mut self.devices[index];
-            let Some(intent) = &self.intent else {
-                observations.iter().for_each(|it| device.note_state(subject, it));
-                continue;
-            };
-            let look = Look { segment, subject, leader, intent };
-            let sampling = subject.sampling();
+    /// Takes events at SubDevices, in their order; returns what was measured of the last one of each
+    /// kind. As a rule several of one SubDevice follow each other.
+    pub fn observe_all(&mut self, segment: &Segment, observations: &[Observation]) -> Measured {
+        let mut measured = Measured::default();
+        let Some(intent) = &self.intent else {
             for observation in observations {
-                device.note_state(subject, observation);
-                if let Some(sampling) = sampling {
-                    device.follow_samples(subject, observation, sampling);
-                }
-                device.judge(&look, observation, &mut self.outputs_valid);
+                let subject = &segment.devices()[observation.device];
+                self.devices[observation.device].note_state(subject, observation);
+            }
+            return measured;
+        };
+        // The segment stays as it is during this call, so what is found in it is kept.
+        let mut look = Look::new(segment, leader(self.led, intent, segment));
+        let mut left = observations;
+        while let [first, ..] = left {
+            let index = first.device;
+            let (subject, device) = (&segment.devices()[index], &mut self.devices[index]);
+            if let Some(sampling) = subject.sampling() {
+                let all = left.iter().take_while(|it| it.device == index);
+                all.for_each(|it| device.follow_samples(subject, it, sampling));
+            }
+            if device.binding.update(subject, intent, index) {
+                device.converted = Default::default();
+            }
+            while let [observation, more @ ..] = left
+                && observation.device == index
+            {
+                left = more;
+                let valid = &mut self.outputs_valid;
+                device.judge(&mut look, subject, observation, valid, &mut measured);
             }
         }
+        measured
     }
-}
-
-/// What the judges of a SubDevice look at.
-struct Look<'a> {
-    segment: &'a Segment,
-    subject: &'a device::Device,
-    /// The SubDevice of the reference clock, if it has power: without power it shows a meaningless
-    /// time.
-    leader: Option<&'a device::Device>,
-    intent: &'a Intent,
 }
 
 impl DeviceBench {
     /// Notes a change of state, at any time.
-    #[inline]
     fn note_state(&mut self, subject: &device::Device, observation: &Observation) {
         if let Observed::State(state, code) = observation.event {
             let at = subject.oscillator().when(observation.device_at);
@@ -258,90 +257,140 @@ impl DeviceBench {
     #[inline(always)]
     fn judge(
         &mut self,
-        look: &Look<'_>,
+        look: &mut Look<'_>,
+        subject: &device::Device,
         observation: &Observation,
         outputs_valid: &mut OutputsValid,
-    ) -> Measured {
-        let &Look { segment, subject, leader, intent } = look;
-        let (index, device_at) = (observation.device, observation.device_at);
-        let content = &observation.content;
-        let true_time = || subject.oscillator().when(device_at);
-        let device = self;
-        let mut measured = Measured::default();
+        measured: &mut Measured,
+    ) {
+        let Observation { device: index, device_at, ref event, ref content } = *observation;
         // A SubDevice without SYNC0 has no timing to judge, but its process data are followed.
-        let is_timed = device.sync0.is_some();
-        let chain = || subject.stack.sync().chain();
-        let exchange = || intent.exchange.get(index).copied().flatten().unwrap_or(intent.send);
-        match observation.event {
+        match *event {
             Observed::Sm2 => {
-                device.outputs_cycle.stored(content.frame);
-                if chain().mode == SyncMode::SmSynchronous {
-                    device.inputs_cycle.event(content.frame);
+                if self.binding.follows_stored {
+                    self.outputs_cycle.stored(content.frame);
                 }
-                if is_timed {
-                    device.margin.sm2(device_at);
+                if self.binding.latches_at_sm2 {
+                    self.inputs_cycle.event(content.frame);
+                }
+                if self.is_timed {
+                    self.margin.sm2(device_at);
                 }
             }
-            Observed::Began(Step::MapOutputs) if is_timed => device.margin.begins(),
-            Observed::Finished(Step::MapOutputs) if is_timed => {
-                measured.margin = device.margin.ready(device_at);
+            Observed::Began(Step::MapOutputs) => {
+                if self.is_timed {
+                    self.margin.begins();
+                }
+            }
+            Observed::Finished(Step::MapOutputs) => {
+                if self.is_timed {
+                    measured.margin = self.margin.ready(device_at);
+                }
             }
             Observed::Began(Step::OutputsValid) => {
-                let acted = (content.frame != Time::ZERO).then(true_time);
-                if let Some(at) = acted {
-                    let bound = device.outputs_bound(&chain(), intent, index, exchange().cycle);
-                    device.outputs_cycle.acted(content.frame, at, bound);
-                }
+                let is_new = content.frame != Time::ZERO;
                 // With subordinated cycles only the first time counts; later ones act again.
-                if is_timed && let Some(cycle) = device.cycle.take() {
-                    let at = acted.unwrap_or_else(true_time);
-                    device.outputs_delay.valid(at);
-                    outputs_valid.valid(cycle, at);
-                }
-            }
-            Observed::Began(Step::LatchInputs) => device.inputs_cycle.latched(device_at),
-            Observed::Sm3 => {
-                let chain = chain();
-                if let Some(fetched) = fetched(segment, index, device_at, *content) {
-                    let shifted = intent.inputs_shifted.get(index).copied().unwrap_or(false);
-                    let bound = device.inputs_bound(&chain, exchange().cycle, shifted);
-                    device.inputs_cycle.fetched(fetched, bound);
-                }
-                if chain.mode == SyncMode::SmSynchronous && !chain.has_outputs {
-                    device.inputs_cycle.event(content.frame);
-                }
-            }
-            Observed::SmEventMissed(counter) => device.missed.missed(true_time(), counter),
-            Observed::StillActive(signal) if is_timed => {
-                device.lost_pulses.lost(true_time(), signal);
-            }
-            ref pulse @ (Observed::Sync0 | Observed::Sync1) if is_timed => {
-                let second = matches!(pulse, Observed::Sync1);
-                let at = true_time();
-                let reference = leader.map(|leader| leader.system_time_ps(at));
-                if !second {
-                    device.margin.sync0(device_at);
-                    if let (Some(judge), Some(reference)) = (&mut device.sync0, reference) {
-                        measured.sync0_error = Some(judge.edge(at, reference));
+                let cycle = self.cycle.take();
+                if is_new || cycle.is_some() {
+                    let at = self.true_time(subject, device_at);
+                    if is_new {
+                        self.outputs_cycle.acted(content.frame, at, &self.binding.outputs);
+                    }
+                    if let Some(cycle) = cycle {
+                        self.outputs_delay.valid(at);
+                        outputs_valid.valid(cycle, at);
                     }
                 }
-                let chain = chain();
-                if second == outputs_at_sync1(&chain) {
-                    device.outputs_cycle.pulse(at);
+            }
+            Observed::Began(Step::LatchInputs) => {
+                let (known_at, known) = self.converted;
+                self.inputs_cycle.latched(device_at, (known_at == device_at).then_some(known));
+            }
+            Observed::Sm3 => {
+                // Inputs of unknown origin are not judged, nor those without a way back.
+                if content.latched != Time::ZERO
+                    && let Some(way) = look.way_back(index)
+                {
+                    let fetched = Fetched {
+                        frame: content.frame,
+                        latched: content.latched,
+                        arrive: subject.oscillator().when(device_at) + way,
+                    };
+                    let true_time = |at| subject.oscillator().when(at);
+                    self.inputs_cycle.fetched(&fetched, &self.binding.inputs, true_time);
                 }
-                if second == inputs_at_sync1(&chain) {
-                    device.inputs_cycle.event(at);
-                }
-                if second == acts_at_sync1(&chain) {
-                    measured.margin = device.margin.acts(device_at);
-                    device.outputs_delay.sync0(at);
-                    let number = |grid: Grid| Some(grid.index(reference?));
-                    device.cycle = intent.acting[index].and_then(number);
+                if self.binding.latches_at_sm3 {
+                    self.inputs_cycle.event(content.frame);
                 }
             }
-            _ => {}
+            Observed::Sync0 | Observed::Sync1 => {
+                if self.is_timed {
+                    let at = self.true_time(subject, device_at);
+                    let is_sync1 = matches!(event, Observed::Sync1);
+                    self.pulse(look.system_time(at), is_sync1, (device_at, at), measured);
+                }
+            }
+            Observed::SmEventMissed(counter) => {
+                let at = self.true_time(subject, device_at);
+                self.missed.missed(at, counter);
+            }
+            Observed::StillActive(signal) => {
+                if self.is_timed {
+                    let at = self.true_time(subject, device_at);
+                    self.lost_pulses.lost(at, signal);
+                }
+            }
+            Observed::State(..) => self.note_state(subject, observation),
+            Observed::Began(_)
+            | Observed::Finished(_)
+            | Observed::Acknowledged(_)
+            | Observed::Sampled(_) => {}
         }
-        measured
+    }
+
+    /// The true time of an event.
+    #[inline]
+    fn true_time(&mut self, subject: &device::Device, device_at: Time<Device>) -> Time<True> {
+        let at = subject.oscillator().when(device_at);
+        self.converted = (device_at, at);
+        at
+    }
+
+    /// Takes a pulse of SYNC0 or SYNC1 for the judges; `reference` is the system time of the
+    /// reference clock.
+    #[inline(always)]
+    fn pulse(
+        &mut self,
+        reference: Option<SystemTime>,
+        is_sync1: bool,
+        (device_at, at): (Time<Device>, Time<True>),
+        measured: &mut Measured,
+    ) {
+        let mut number = None;
+        if !is_sync1 {
+            self.margin.sync0(device_at);
+            if let (Some(judge), Some(reference)) = (&mut self.sync0, reference) {
+                let (met, error) = judge.meet(at, reference);
+                number = Some(met);
+                measured.sync0_error = Some(error);
+            }
+        }
+        let roles = self.binding.pulses[usize::from(is_sync1)];
+        if roles.takes_outputs {
+            self.outputs_cycle.pulse(at);
+        }
+        if roles.latches {
+            self.inputs_cycle.event(at);
+        }
+        if roles.acts {
+            measured.margin = self.margin.acts(device_at);
+            self.outputs_delay.sync0(at);
+            self.cycle = match (&mut self.acting, reference) {
+                (Some(_), _) if self.acts_on_sync0_grid && number.is_some() => number,
+                (Some(points), Some(reference)) => Some(points.meet(reference).0),
+                _ => None,
+            };
+        }
     }
 
     /// The same for a device that oversamples. The first channel of a direction stands for all:
@@ -382,97 +431,12 @@ impl DeviceBench {
             _ => {}
         }
     }
-
-    fn outputs_bound(
-        &self,
-        chain: &Chain,
-        intent: &Intent,
-        index: usize,
-        frame: Nanos,
-    ) -> outputs_cycle::Bound {
-        use outputs_cycle::Bound;
-        match chain.mode {
-            SyncMode::FreeRun => Bound::Free,
-            SyncMode::SmSynchronous => Bound::Sm2(frame),
-            _ => {
-                let second = outputs_at_sync1(chain);
-                let pulses = if second { &intent.acting } else { &intent.sync0 };
-                let pulse = pulses.get(index).copied().flatten();
-                match (self.bounds.outputs[usize::from(second)], pulse) {
-                    (Some(opportunity), _) => Bound::Pulse(opportunity),
-                    (None, Some(pulse)) => Bound::NextPulse { pulse: pulse.cycle, frame },
-                    (None, None) => Bound::Free,
-                }
-            }
-        }
-    }
-
-    fn inputs_bound(&self, chain: &Chain, cycle: Nanos, shifted: bool) -> inputs_cycle::Bound {
-        use inputs_cycle::Bound;
-        match chain.mode {
-            SyncMode::FreeRun => Bound::Free,
-            SyncMode::SmSynchronous => Bound::Frame { cycle, shifted },
-            _ => {
-                let second = inputs_at_sync1(chain);
-                self.bounds.inputs[usize::from(second)].map_or(Bound::Free, Bound::Pulse)
-            }
-        }
-    }
-}
-
-/// The inputs that were fetched by a frame whose last bit passed a SubDevice at `device_at`. `None`
-/// if they are unknown, or if the frame has no way back.
-fn fetched(
-    segment: &Segment,
-    index: usize,
-    device_at: Time<Device>,
-    content: Content,
-) -> Option<Fetched> {
-    if content.latched == Time::ZERO {
-        return None;
-    }
-    let way = [MainPort::Primary, MainPort::Secondary].into_iter().find_map(|port| {
-        let path = segment.path_from(port);
-        // Most segments are lines, in which places are positions.
-        let entry = path.entries.get(index).filter(|entry| entry.device == index);
-        let entry = entry.or_else(|| path.entries.iter().find(|entry| entry.device == index))?;
-        Some(path.round_trip - entry.after)
-    })?;
-    let oscillator = segment.devices()[index].oscillator();
-    Some(Fetched {
-        frame: content.frame,
-        latched: (content.latched, oscillator.when(content.latched)),
-        arrive: oscillator.when(device_at) + way,
-    })
 }
 
 /// The SubDevice of the reference clock, if there is one with power.
 fn leader<'a>(led: bool, intent: &Intent, segment: &'a Segment) -> Option<&'a device::Device> {
     let leader = &segment.devices()[intent.reference];
     (led && leader.is_powered()).then_some(leader)
-}
-
-/// Whether SYNC1 is the first occasion of outputs, and not SYNC0. With subordinated cycles each
-/// SYNC0 is one, if the application runs at each.
-fn outputs_at_sync1(chain: &Chain) -> bool {
-    let at_each = chain.mode == SyncMode::DcSubordinated && !chain.application_on_sync1;
-    !at_each && acts_at_sync1(chain)
-}
-
-/// Whether inputs belong to SYNC1, and not to SYNC0. With subordinated cycles they belong to the
-/// last SYNC0 before SYNC1. If SYNC1 is a shift of Input Latch after SYNC0, they belong to that
-/// SYNC0.
-fn inputs_at_sync1(chain: &Chain) -> bool {
-    chain.mode != SyncMode::DcSubordinated && acts_at_sync1(chain)
-}
-
-/// Whether outputs act at SYNC1, and not at SYNC0, by the SubDevice's mode.
-fn acts_at_sync1(chain: &Chain) -> bool {
-    match chain.mode {
-        SyncMode::DcSync1 | SyncMode::DcSubordinated => true,
-        SyncMode::DcShiftSync1 => chain.outputs_on_sync1 && chain.has_outputs,
-        _ => false,
-    }
 }
 
 /// Whether a frame is cyclic: its first datagram distributes the system time, and it has further

@@ -10,10 +10,11 @@ use isocat_subdevice::description::ProcessDataArea;
 use isocat_subdevice::{Application, Description, Event, Misbehaviour, Prepared, Step, SubDevice};
 use isocat_wire::datagram::Address;
 use isocat_wire::register::al_event;
-use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
+use isocat_wire::time::{Dc, Device as DeviceClock, Local, Time, True};
 use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
 
 use crate::cpu::{Action, Cpu, CpuModel};
+use crate::judge::SystemTime;
 use crate::observation::{Content, Observation, Observed};
 use crate::oscillator::{Bend, ClockModel, Oscillator};
 use crate::plant::{Acted, Plant, PlantSetup};
@@ -60,6 +61,8 @@ pub struct Device {
     cpu: Cpu,
     position: usize,
     state: (isocat_wire::AlState, isocat_wire::AlStatusCode),
+    /// See [`Self::state_version`].
+    state_version: u32,
     /// The last frame that passed.
     frame: Time<True>,
     /// The frame that brought the outputs fetched last, and the frame of the outputs that the
@@ -121,6 +124,7 @@ impl Device {
             cpu,
             position,
             state,
+            state_version: 1,
             frame: Time::ZERO,
             fetched: Time::ZERO,
             mapped: Time::ZERO,
@@ -181,9 +185,20 @@ impl Device {
         self.powered
     }
 
+    /// Differs from before when its state may have changed, and with it its mode; never 0.
+    #[inline]
+    pub(crate) fn state_version(&self) -> u32 {
+        self.state_version
+    }
+
+    fn next_state_version(&mut self) {
+        self.state_version = self.state_version.wrapping_add(1).max(1);
+    }
+
     /// Switches it off. Everything but its EEPROM is lost; its oscillator continues invisibly.
     pub(crate) fn power_off(&mut self, at: Time<DeviceClock>, watch: &mut Watcher) {
         self.powered = false;
+        self.next_state_version();
         self.tell_time(at);
         self.esc.power_on(at, Time::ZERO);
         self.stack.power_off();
@@ -291,10 +306,24 @@ impl Device {
     /// The ESC's system time at a point of true time, in ps: the counter's value at its last tick,
     /// and what has passed since.
     pub fn system_time_ps(&self, at: Time<True>) -> i128 {
-        let tick =
-            Time::<DeviceClock>::new(self.oscillator.read::<DeviceClock>(at).count() / 10 * 10);
-        let since = at - self.oscillator.when(tick);
-        i128::from(self.esc.system_time(tick).count()) * 1000 + i128::from(since.0)
+        self.system_time(at).ps()
+    }
+
+    /// The same, as a reading and what has passed since.
+    pub(crate) fn system_time(&self, at: Time<True>) -> SystemTime {
+        self.tick(self.tick_at(at)).system_time(at)
+    }
+
+    /// Number of the last tick of the ESC's clock at a point of true time.
+    #[inline]
+    pub(crate) fn tick_at(&self, at: Time<True>) -> u64 {
+        self.oscillator.read::<DeviceClock>(at).count() / TICK_NS
+    }
+
+    /// The tick of this number, as long as nothing happens at the ESC.
+    pub(crate) fn tick(&self, number: u64) -> Tick {
+        let at = Time::new(number * TICK_NS);
+        Tick { number, begin: self.oscillator.when(at), system: self.esc.system_time(at) }
     }
 
     /// Processes all events up to and including `limit`.
@@ -623,6 +652,7 @@ impl Device {
         let state = (self.stack.state(), self.stack.status_code());
         if state != self.state {
             self.state = state;
+            self.next_state_version();
             if state.0 != isocat_wire::AlState::Op {
                 // What it had is forgotten: nothing of it acts when OP is entered again.
                 (self.fetched, self.mapped) = (Time::ZERO, Time::ZERO);
@@ -642,6 +672,31 @@ impl Device {
         watch.see(Observation { device: self.position, device_at, event, content });
     }
 }
+
+/// A tick of an ESC's clock.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Tick {
+    /// Its number since the clock began to count.
+    pub number: u64,
+    /// When it begins.
+    begin: Time<True>,
+    /// The system time from then on.
+    system: Time<Dc>,
+}
+
+impl Tick {
+    /// No tick has its number.
+    pub const NONE: Self = Self { number: u64::MAX, begin: Time::NEVER, system: Time::NEVER };
+
+    /// The system time at a point of true time in it.
+    #[inline]
+    pub fn system_time(&self, at: Time<True>) -> SystemTime {
+        SystemTime { shown: self.system.count(), since: at - self.begin }
+    }
+}
+
+/// Length of a tick by the oscillator.
+const TICK_NS: u64 = 10;
 
 /// An ESC interface for a stack that must not access the ESC.
 struct Nowhere;

@@ -35,6 +35,8 @@ pub struct Content {
 
 /// An event at a SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+// The kind has a byte of its own, since it is read far more often than anything else.
+#[repr(u8)]
 pub enum Observed {
     /// Outputs were stored: the SM2 event.
     Sm2,

@@ -1,26 +1,39 @@
 //! Running figures of a series: count, least, largest, mean, standard deviation.
 
 /// Figures of a series of values in picoseconds.
-#[derive(Clone, Copy, PartialEq, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Statistics {
     count: u64,
+    /// Without values, beyond all of them; the same for the largest one.
     least: i64,
     largest: i64,
     sum: i128,
     sum_of_squares: i128,
 }
 
+impl Default for Statistics {
+    fn default() -> Self {
+        Self { count: 0, least: i64::MAX, largest: i64::MIN, sum: 0, sum_of_squares: 0 }
+    }
+}
+
 impl Statistics {
     /// Takes one value, ps.
+    #[inline]
     pub fn push(&mut self, value_ps: i64) {
-        if self.count == 0 {
-            (self.least, self.largest) = (value_ps, value_ps);
-        }
         self.count += 1;
-        self.least = self.least.min(value_ps);
-        self.largest = self.largest.max(value_ps);
+        // Few values are further out than all before.
+        if value_ps < self.least || value_ps > self.largest {
+            self.widen(value_ps);
+        }
         self.sum += i128::from(value_ps);
         self.sum_of_squares += i128::from(value_ps) * i128::from(value_ps);
+    }
+
+    #[cold]
+    fn widen(&mut self, value_ps: i64) {
+        self.least = self.least.min(value_ps);
+        self.largest = self.largest.max(value_ps);
     }
 
     /// Number of values.
@@ -29,15 +42,15 @@ impl Statistics {
     }
     /// The least value, ps; 0 without values.
     pub fn least(&self) -> i64 {
-        self.least
+        if self.count == 0 { 0 } else { self.least }
     }
     /// The largest value, ps; 0 without values.
     pub fn largest(&self) -> i64 {
-        self.largest
+        if self.count == 0 { 0 } else { self.largest }
     }
     /// The largest absolute value, ps.
     pub fn worst(&self) -> u64 {
-        self.least.unsigned_abs().max(self.largest.unsigned_abs())
+        self.least().unsigned_abs().max(self.largest().unsigned_abs())
     }
     /// Mean, ps; 0 without values.
     pub fn mean(&self) -> f64 {
@@ -69,6 +82,13 @@ mod tests {
         assert_eq!(statistics.mean(), 2.0);
         assert_eq!(statistics.standard_deviation(), 20f64.sqrt());
         assert_eq!(statistics.count(), 4);
+    }
+
+    #[test]
+    fn without_values_all_figures_are_zero() {
+        let none = Statistics::default();
+        assert_eq!((none.count(), none.least(), none.largest(), none.worst()), (0, 0, 0, 0));
+        assert_eq!((none.mean(), none.standard_deviation()), (0.0, 0.0));
     }
 
     #[test]

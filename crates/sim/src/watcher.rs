@@ -40,9 +40,10 @@ impl Watcher {
         self.keeps = EVERYTHING;
     }
 
-    /// From now on keeps only the events that the judges of a run need.
-    pub(crate) fn keep_for_judges(&mut self) {
-        self.keeps = JUDGED;
+    /// From now on keeps only the events that the judges of a run need; `timed`: of a segment in
+    /// which a SubDevice has SYNC0.
+    pub(crate) fn keep_for_judges(&mut self, timed: bool) {
+        self.keeps = if timed { JUDGED } else { JUDGED & !TIMED };
     }
 
     /// Keeps an event if it is needed.
@@ -69,6 +70,12 @@ impl Watcher {
     }
 }
 
+/// Whether judges need an event.
+#[inline]
+pub(crate) const fn is_judged(event: Observed) -> bool {
+    JUDGED & kind(event) != 0
+}
+
 /// One bit for each kind of event: each step's beginning and end, acknowledges, and all others.
 #[inline]
 const fn kind(event: Observed) -> u16 {
@@ -88,6 +95,9 @@ const JUDGED: u16 = OTHERS
     | kind(Observed::Finished(Step::MapOutputs))
     | kind(Observed::Began(Step::OutputsValid))
     | kind(Observed::Began(Step::LatchInputs));
+/// What matters only at SubDevices with SYNC0: whether outputs are ready in time.
+const TIMED: u16 =
+    kind(Observed::Began(Step::MapOutputs)) | kind(Observed::Finished(Step::MapOutputs));
 
 #[cfg(test)]
 mod tests {
@@ -122,5 +132,9 @@ mod tests {
         assert_eq!(kept(Watcher::for_served()), [&map[..], &others].concat());
         let map = [&map[..], &[Began(Step::LatchInputs)]].concat();
         assert_eq!(kept(Watcher::for_judges()), [&map[..], &others].concat());
+        let mut untimed = Watcher::for_judges();
+        untimed.keep_for_judges(false);
+        let steps = [Began(Step::OutputsValid), Began(Step::LatchInputs)];
+        assert_eq!(kept(untimed), [&steps[..], &[Sm2, SmEventMissed(1)]].concat());
     }
 }

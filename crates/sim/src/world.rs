@@ -216,7 +216,7 @@ pub struct World<A, T> {
     wanted: Option<Time<Host>>,
     wake_up: Time<True>,
     returning: VecDeque<Returning>,
-    spare: Vec<Vec<u8>>,
+    spare: Vec<Buffer>,
     /// The events for judges and tap, and whether the tap needs them.
     watcher: Watcher,
     observes: bool,
@@ -235,7 +235,28 @@ struct Returning {
     first_bit: Time<True>,
     /// When the program has it.
     delivered: Time<True>,
-    bytes: Vec<u8>,
+    frame: Buffer,
+}
+
+/// A buffer for the longest frame, with a frame.
+#[derive(Clone)]
+struct Buffer {
+    bytes: Box<[u8]>,
+    len: usize,
+}
+
+impl Buffer {
+    fn new() -> Self {
+        Self { bytes: vec![0; frame::MAX_LEN].into(), len: 0 }
+    }
+
+    fn frame(&self) -> &[u8] {
+        &self.bytes[..self.len]
+    }
+
+    fn frame_mut(&mut self) -> &mut [u8] {
+        &mut self.bytes[..self.len]
+    }
 }
 
 impl<A: Application, T: Tap> World<A, T> {
@@ -409,6 +430,9 @@ impl<A: Application, T: Tap> World<A, T> {
         if let Some(tap) = &mut self.tap {
             tap.judging_begins(self.now, &intent);
         }
+        if !self.observes && !self.follows_course {
+            self.watcher.keep_for_judges(intent.is_timed());
+        }
         self.bench.begin(intent);
     }
 
@@ -418,7 +442,8 @@ impl<A: Application, T: Tap> World<A, T> {
             course.end(self.now);
             self.follows_course = false;
             if !self.observes {
-                self.watcher.keep_for_judges();
+                let intent = self.bench.intent();
+                self.watcher.keep_for_judges(intent.is_none_or(Intent::is_timed));
             }
         }
         if let Some(tap) = &mut self.tap {
@@ -428,10 +453,10 @@ impl<A: Application, T: Tap> World<A, T> {
     }
 
     fn deliver(&mut self, now: Time<Host>) {
-        let Some(frame) = self.returning.pop_front() else { return };
-        self.tap(frame.port, frame.first_bit, false, &frame.bytes);
-        let complete = self.runner.handle_frame(frame.port, now, &frame.bytes);
-        self.spare.push(frame.bytes);
+        let Some(back) = self.returning.pop_front() else { return };
+        self.tap(back.port, back.first_bit, false, back.frame.frame());
+        let complete = self.runner.handle_frame(back.port, now, back.frame.frame());
+        self.spare.push(back.frame);
         self.tap_cycle(complete);
     }
 
@@ -470,11 +495,10 @@ impl<A: Application, T: Tap> World<A, T> {
 
     /// Sends a frame of another MainDevice, at the same end of the same cable.
     fn send_of_others(&mut self, frame: Foreign) {
-        let mut bytes = self.buffer();
-        let len = frame.write(&mut bytes);
-        bytes.truncate(len);
-        let start = self.host.send_of_others(MainPort::Primary, self.now, len);
-        self.pass(Port::Primary, bytes, (start, start), Harms::default());
+        let mut buffer = self.buffer();
+        buffer.len = frame.write(&mut buffer.bytes);
+        let start = self.host.send_of_others(MainPort::Primary, self.now, buffer.len);
+        self.pass(Port::Primary, buffer, (start, start), Harms::default());
     }
 
     fn tap_cycle(&mut self, complete: Option<u64>) {
@@ -495,30 +519,29 @@ impl<A: Application, T: Tap> World<A, T> {
     }
 
     fn transmit(&mut self) {
-        let mut bytes = self.buffer();
-        while let Some(len) = self.runner.poll_transmit(self.host.now(self.now), &mut bytes) {
-            bytes.truncate(len);
-            self.send(Port::Primary, bytes);
-            bytes = self.buffer();
-            while let Some(len) = self.runner.poll_secondary(&mut bytes) {
-                bytes.truncate(len);
-                self.send(Port::Secondary, bytes);
-                bytes = self.buffer();
+        let mut buffer = self.buffer();
+        let now = self.host.now(self.now);
+        while let Some(len) = self.runner.poll_transmit(now, &mut buffer.bytes) {
+            buffer.len = len;
+            self.send(Port::Primary, buffer);
+            buffer = self.buffer();
+            while let Some(len) = self.runner.poll_secondary(&mut buffer.bytes) {
+                buffer.len = len;
+                self.send(Port::Secondary, buffer);
+                buffer = self.buffer();
             }
         }
-        self.spare.push(bytes);
+        self.spare.push(buffer);
     }
 
-    fn buffer(&mut self) -> Vec<u8> {
-        let mut bytes = self.spare.pop().unwrap_or_else(|| vec![0; frame::MAX_LEN]);
-        bytes.resize(frame::MAX_LEN, 0);
-        bytes
+    fn buffer(&mut self) -> Buffer {
+        self.spare.pop().unwrap_or_else(Buffer::new)
     }
 
-    fn send(&mut self, from: Port, bytes: Vec<u8>) {
+    fn send(&mut self, from: Port, frame: Buffer) {
         let wired = wired(from);
-        let start = self.host.send(wired, self.now, bytes.len());
-        self.tap(from, start, true, &bytes);
+        let start = self.host.send(wired, self.now, frame.len);
+        self.tap(from, start, true, frame.frame());
         let [out, back] = match (from, self.port_faults.are_any()) {
             (Port::Primary, true) => self.port_faults.at_port(),
             _ => Default::default(),
@@ -528,16 +551,16 @@ impl<A: Application, T: Tap> World<A, T> {
             if let Some(tap) = &mut self.tap {
                 tap.lost(start, from, Some(Lost::AtThePort));
             }
-            self.spare.push(bytes);
+            self.spare.push(frame);
             return;
         }
         if out.damaged {
             self.damage_next(wired, start);
         }
-        let copy = out.doubled.then(|| bytes.clone());
-        self.pass(from, bytes, (start, start), back);
+        let copy = out.doubled.then(|| frame.clone());
+        self.pass(from, frame, (start, start), back);
         if let Some(copy) = copy {
-            let again = self.host.send_of_others(wired, start, copy.len());
+            let again = self.host.send_of_others(wired, start, copy.len);
             self.pass(from, copy, (start, again), back);
         }
     }
@@ -555,19 +578,20 @@ impl<A: Application, T: Tap> World<A, T> {
     fn pass(
         &mut self,
         from: Port,
-        mut bytes: Vec<u8>,
+        mut frame: Buffer,
         (first, start): (Time<True>, Time<True>),
         back: Harms,
     ) {
         let wired = wired(from);
-        let fate = self.segment.pass_copy(wired, &mut bytes, (first, start), &mut self.watcher);
+        let bytes = frame.frame_mut();
+        let fate = self.segment.pass_copy(wired, bytes, (first, start), &mut self.watcher);
         if let Some(tap) = &mut self.tap {
             for seen in self.segment.take_probed() {
                 tap.probed(seen.at, seen.device, seen.sight, &seen.bytes);
             }
         }
         if from == Port::Primary {
-            self.bench.frame(&self.segment, &bytes, start);
+            self.bench.frame(&self.segment, frame.frame(), start);
             if let Some(tap) = &mut self.tap {
                 tap.passed(start, &self.segment);
             }
@@ -582,10 +606,10 @@ impl<A: Application, T: Tap> World<A, T> {
                 let delivered = self.host.receive(last_bit);
                 let port = port.into();
                 if back.doubled {
-                    let bytes = bytes.clone();
-                    self.bring_back(Returning { port, first_bit, delivered, bytes });
+                    let frame = frame.clone();
+                    self.bring_back(Returning { port, first_bit, delivered, frame });
                 }
-                self.bring_back(Returning { port, first_bit, delivered, bytes });
+                self.bring_back(Returning { port, first_bit, delivered, frame });
             }
             // No program sees a frame that does not come back, or that comes back damaged.
             fate => {
@@ -593,7 +617,7 @@ impl<A: Application, T: Tap> World<A, T> {
                 if let Some(tap) = &mut self.tap {
                     tap.lost(start, from, why);
                 }
-                self.spare.push(bytes);
+                self.spare.push(frame);
             }
         }
     }
@@ -620,7 +644,8 @@ impl<A: Application, T: Tap> World<A, T> {
         let course = &mut self.course.as_mut().filter(|_| self.follows_course);
         if tap.is_none() && course.is_none() {
             self.bench.observe_all(&self.segment, self.watcher.seen());
-            return self.watcher.clear();
+            self.watcher.clear();
+            return;
         }
         for observation in self.watcher.take() {
             let measured = self.bench.observe(&self.segment, &observation);

@@ -2,13 +2,13 @@
 
 use isocat_wire::time::Picos;
 
-use super::Grid;
+use super::{Grid, Points, SystemTime};
 use crate::statistics::Statistics;
 
 /// Watches the arrival of cyclic frames at the reference clock.
 #[derive(Clone, Debug)]
 pub struct HostPhase {
-    grid: Grid,
+    points: Points,
     statistics: Statistics,
     last: Option<Picos>,
 }
@@ -16,13 +16,18 @@ pub struct HostPhase {
 impl HostPhase {
     /// Expects frames on `grid`.
     pub fn new(grid: Grid) -> Self {
-        Self { grid, statistics: Statistics::default(), last: None }
+        Self { points: Points::new(grid), statistics: Statistics::default(), last: None }
     }
 
     /// Takes a cyclic frame that began to enter the reference SubDevice when its system time was
     /// `reference_ps`.
     pub fn frame(&mut self, reference_ps: i128) -> Picos {
-        let error = self.grid.error(reference_ps);
+        self.meet(SystemTime::of_ps(reference_ps))
+    }
+
+    /// The same for a time as the clock shows it.
+    pub(crate) fn meet(&mut self, reference: SystemTime) -> Picos {
+        let (_, error) = self.points.meet(reference);
         self.statistics.push(error.0);
         self.last = Some(error);
         error

@@ -5,7 +5,7 @@
 //! cycle late, even if they are regularly late. The inputs of a frame are known by their content,
 //! as in [`super::OutputsCycle`].
 
-use isocat_wire::time::{Device, Nanos, Picos, Time, True};
+use isocat_wire::time::{Device, Picos, Time, True};
 
 use super::{Late, Opportunity};
 use crate::statistics::Statistics;
@@ -14,21 +14,44 @@ use crate::statistics::Statistics;
 const UNDER_WAY: usize = 4;
 
 /// How the inputs of a SubDevice are bound to the cycle.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Bound {
     /// They are not bound, or the send times of frames are unknown.
+    #[default]
     Free,
     /// To the event of a frame. The inputs are due with the next frame if a timer shifts their
     /// latch. Otherwise they must be in the buffer at the next event, when the next frame has
     /// passed, so they are due with the frame after it.
-    Frame {
-        /// Time from frame to frame.
-        cycle: Nanos,
-        /// Whether 0x1C33:03 shifts the latch.
-        shifted: bool,
-    },
+    Frame(FrameBound),
     /// To a pulse; the opportunity tells the first frame.
     Pulse(Opportunity),
+}
+
+/// How inputs are bound to the event of a frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct FrameBound {
+    /// Time from frame to frame.
+    cycle: Picos,
+    /// The number of the frame with which they are due, counted from the frame of the event.
+    due: i64,
+    /// The time from frame to frame from which on they are late.
+    late: Picos,
+}
+
+impl FrameBound {
+    /// The binding with frames every `cycle`, if 0x1C33:03 shifts the latch (`shifted`) or not.
+    pub fn new(cycle: Picos, shifted: bool) -> Self {
+        let (cycle, due) = (cycle.max(Picos(1)), if shifted { 1 } else { 2 });
+        let late = Picos((due + 1i64).saturating_mul(cycle.0)) - Picos(cycle.0 / 2);
+        Self { cycle, due, late }
+    }
+
+    /// Number of cycles by which inputs were late that came `since` after the frame of their event.
+    #[inline]
+    fn cycles_late(&self, since: Picos) -> i64 {
+        // As a rule they are in time, and nothing is to be divided.
+        if since < self.late { 0 } else { (since.0 + self.cycle.0 / 2) / self.cycle.0 - self.due }
+    }
 }
 
 /// Inputs that were fetched.
@@ -36,9 +59,8 @@ pub enum Bound {
 pub struct Fetched {
     /// The frame that fetched them.
     pub frame: Time<True>,
-    /// When they were latched, as told to [`InputsCycle::latched`], and the true time of their
-    /// event.
-    pub latched: (Time<Device>, Time<True>),
+    /// When they were latched, as told to [`InputsCycle::latched`].
+    pub latched: Time<Device>,
     /// When the last bit of the frame arrives at the MainDevice.
     pub arrive: Time<True>,
 }
@@ -48,43 +70,59 @@ pub struct Fetched {
 pub struct InputsCycle {
     /// The last event that starts a latch: a pulse, or the frame of an SM event.
     event: Time<True>,
-    /// When inputs were latched, and their events.
-    latched: [(Time<Device>, Time<True>); UNDER_WAY],
+    latched: [Latch; UNDER_WAY],
     next: usize,
     age: Statistics,
     late: Late,
 }
 
+/// A latch of inputs.
+#[derive(Clone, Copy, Debug, Default)]
+struct Latch {
+    at: Time<Device>,
+    /// The same in true time, if it is known already.
+    true_at: Option<Time<True>>,
+    /// The event that started it.
+    event: Time<True>,
+}
+
 impl InputsCycle {
     /// Takes an event that starts a latch: the time of the pulse, or for an SM event the send time
     /// of its frame.
+    #[inline]
     pub fn event(&mut self, at: Time<True>) {
         self.event = at;
     }
 
-    /// Takes a latch of inputs.
-    pub fn latched(&mut self, at: Time<Device>) {
-        self.latched[self.next] = (at, self.event);
-        self.next = (self.next + 1) % UNDER_WAY;
+    /// Takes a latch of inputs, with its true time if that is known already.
+    #[inline]
+    pub fn latched(&mut self, at: Time<Device>, true_at: Option<Time<True>>) {
+        self.latched[self.next % UNDER_WAY] = Latch { at, true_at, event: self.event };
+        self.next = self.next.wrapping_add(1);
     }
 
-    /// Takes inputs that no earlier frame had fetched.
-    pub fn fetched(&mut self, fetched: Fetched, bound: Bound) {
-        let age = fetched.arrive - fetched.latched.1;
+    /// Takes inputs that no earlier frame had fetched; `true_time` converts the time of their
+    /// latch.
+    #[inline]
+    pub fn fetched(
+        &mut self,
+        fetched: &Fetched,
+        bound: &Bound,
+        true_time: impl FnOnce(Time<Device>) -> Time<True>,
+    ) {
+        let known = self.latched.iter().find(|latch| latch.at == fetched.latched);
+        let true_at = known.and_then(|latch| latch.true_at);
+        let age = fetched.arrive - true_at.unwrap_or_else(|| true_time(fetched.latched));
         self.age.push(age.0);
-        let known = self.latched.iter().find(|(at, _)| *at == fetched.latched.0);
-        let event = known.map_or(Time::ZERO, |(_, event)| *event);
+        let event = known.map_or(Time::ZERO, |latch| latch.event);
         if event == Time::ZERO {
             return;
         }
         let since = fetched.frame - event;
-        let cycles = match bound {
+        let cycles = match *bound {
             Bound::Free => 0,
-            Bound::Frame { cycle, shifted } => {
-                let cycle = Picos::from(cycle).0.max(1);
-                (since.0 + cycle / 2) / cycle - if shifted { 1 } else { 2 }
-            }
-            Bound::Pulse(opportunity) => opportunity.cycles_late_until_frame(since),
+            Bound::Frame(ref frame) => frame.cycles_late(since),
+            Bound::Pulse(ref opportunity) => opportunity.cycles_late_until_frame(since),
         };
         self.late.take(fetched.arrive, cycles, age);
     }
@@ -103,6 +141,8 @@ impl InputsCycle {
 
 #[cfg(test)]
 mod tests {
+    use isocat_wire::Nanos;
+
     use super::*;
     use crate::judge::Grid;
 
@@ -115,9 +155,10 @@ mod tests {
     /// Latches inputs after an event, and fetches them by a frame that is back 10 us later.
     fn fetch(judge: &mut InputsCycle, event: u64, latch: u64, frame: u64, bound: Bound) {
         judge.event(at(event));
-        judge.latched(Time::new(latch * 1_000));
-        let latched = (Time::new(latch * 1_000), at(latch));
-        judge.fetched(Fetched { frame: at(frame), latched, arrive: at(frame + 10) }, bound);
+        let latched = Time::new(latch * 1_000);
+        judge.latched(latched, None);
+        let arrive = at(frame + 10);
+        judge.fetched(&Fetched { frame: at(frame), latched, arrive }, &bound, |_| at(latch));
     }
 
     #[test]
@@ -136,7 +177,7 @@ mod tests {
     #[test]
     fn inputs_of_a_frame_come_with_the_next_frame_or_the_one_behind_it() {
         let mut judge = InputsCycle::default();
-        let bound = |shifted| Bound::Frame { cycle: CYCLE, shifted };
+        let bound = |shifted| Bound::Frame(FrameBound::new(CYCLE.into(), shifted));
         fetch(&mut judge, 1_000, 1_900, 2_000, bound(true));
         fetch(&mut judge, 2_000, 2_900, 3_020, bound(true));
         // It was done when the next frame was in flight, which is in time for the next event.
@@ -151,9 +192,10 @@ mod tests {
     #[test]
     fn what_was_latched_before_anybody_looked_has_an_age_only() {
         let mut judge = InputsCycle::default();
-        let latched = (Time::new(500_000), at(500));
+        let latched = Time::new(500_000);
         let fetched = Fetched { frame: at(9_000), latched, arrive: at(9_010) };
-        judge.fetched(fetched, Bound::Frame { cycle: CYCLE, shifted: true });
+        let bound = Bound::Frame(FrameBound::new(CYCLE.into(), true));
+        judge.fetched(&fetched, &bound, |_| at(500));
         assert_eq!((judge.late().count(), judge.age().count()), (0, 1));
     }
 }

@@ -17,6 +17,10 @@ pub struct Opportunity {
     step: Picos,
     /// The longer of both cycles, which counts as a whole cycle.
     cycle: Picos,
+    /// The times from start to effect from which on an effect is late: if the start may be late,
+    /// and if the occasion may be.
+    late_since: Picos,
+    late_until: Picos,
 }
 
 impl Opportunity {
@@ -24,32 +28,45 @@ impl Opportunity {
     pub fn new(start: Grid, occasion: Grid) -> Option<Self> {
         let (step, cycle) = (start.cycle.min(occasion.cycle).0, start.cycle.max(occasion.cycle).0);
         let distance = (occasion.phase.0 - start.phase.0).checked_rem_euclid(step)?;
-        let distance = if distance == 0 { step } else { distance };
-        Some(Self {
-            distance: Nanos(distance).into(),
-            step: Nanos(step).into(),
-            cycle: Nanos(cycle).into(),
-        })
+        let distance = Picos::from(Nanos(if distance == 0 { step } else { distance }));
+        let (step, cycle) = (Picos::from(Nanos(step)), Nanos(cycle).into());
+        let late = |room| step + distance - room;
+        let (late_since, late_until) = (late(room_of_start(step)), late(room_of_occasion(step)));
+        Some(Self { distance, step, cycle, late_since, late_until })
     }
 
     /// Number of whole cycles by which an effect, `seen` after its start, was late; 0 is in its
     /// cycle. A start may be up to a quarter of a step before its grid point and three quarters
     /// after it, since a host sends late and not early.
+    #[inline]
     pub fn cycles_late_since_frame(&self, seen: Picos) -> i64 {
-        self.cycles_late(seen, self.step.0 / 4 * 3)
+        // As a rule it is in time, and nothing is to be divided.
+        if seen < self.late_since { 0 } else { self.cycles_late(seen, room_of_start(self.step)) }
     }
 
     /// The same if the occasion may be late: it is the frame that fetches the data.
+    #[inline]
     pub fn cycles_late_until_frame(&self, seen: Picos) -> i64 {
-        self.cycles_late(seen, self.step.0 / 4)
+        if seen < self.late_until { 0 } else { self.cycles_late(seen, room_of_occasion(self.step)) }
     }
 
-    fn cycles_late(&self, seen: Picos, room: i64) -> i64 {
-        let steps = (seen.0 - self.distance.0 + room).div_euclid(self.step.0);
+    #[cold]
+    fn cycles_late(&self, seen: Picos, room: Picos) -> i64 {
+        let steps = (seen.0 - self.distance.0 + room.0).div_euclid(self.step.0);
         // A negative count means that the start was late by more than three quarters of a step, but
         // still in time.
         (steps.max(0).saturating_mul(self.step.0)) / self.cycle.0
     }
+}
+
+/// By how much a start may be late.
+fn room_of_start(step: Picos) -> Picos {
+    Picos(step.0 / 4 * 3)
+}
+
+/// By how much an occasion may be late.
+fn room_of_occasion(step: Picos) -> Picos {
+    Picos(step.0 / 4)
 }
 
 /// Late process data: number, first time, worst cases.
@@ -64,8 +81,15 @@ pub struct Late {
 impl Late {
     /// Takes process data that took effect at `at`, late by this number of `cycles` and with this
     /// age. Data in its cycle is not counted.
+    #[inline]
     pub fn take(&mut self, at: Time<True>, cycles: i64, age: Picos) {
-        let Ok(cycles @ 1..) = u64::try_from(cycles) else { return };
+        if let Ok(cycles @ 1..) = u64::try_from(cycles) {
+            self.note(at, cycles, age);
+        }
+    }
+
+    #[cold]
+    fn note(&mut self, at: Time<True>, cycles: u64, age: Picos) {
         self.count += 1;
         self.first.get_or_insert(at);
         self.cycles = self.cycles.max(cycles);

@@ -8,20 +8,21 @@
 
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
-use super::{Late, Opportunity};
+use super::{Late, Mark, Opportunity};
 use crate::statistics::Statistics;
 
 /// Most frames whose outputs wait at a time: three buffers, and the outputs of the application.
 const WAITING: usize = 4;
 
 /// How the outputs of a SubDevice are bound to the cycle.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Bound {
     /// They are not bound: Free Run has no bus cycle.
+    #[default]
     Free,
     /// To the SM2 event: outputs act before newer ones are stored. The value is the time from frame
     /// to frame.
-    Sm2(Nanos),
+    Sm2(Picos),
     /// To a pulse; the opportunity tells the first one.
     Pulse(Opportunity),
     /// To the first pulse after the SM2 event, if the send times of frames are unknown.
@@ -38,7 +39,7 @@ pub enum Bound {
 pub struct OutputsCycle {
     /// Number of acting pulses so far, and the last one.
     pulses: u64,
-    pulse: Option<Time<True>>,
+    pulse: Mark<True>,
     /// Frames that stored outputs, with the number of pulses at that time.
     stored: [(Time<True>, u64); WAITING],
     next: usize,
@@ -51,21 +52,24 @@ pub struct OutputsCycle {
 
 impl OutputsCycle {
     /// Takes a `frame` that stored outputs.
+    #[inline]
     pub fn stored(&mut self, frame: Time<True>) {
         self.newest = frame;
-        self.stored[self.next] = (frame, self.pulses);
-        self.next = (self.next + 1) % WAITING;
+        self.stored[self.next % WAITING] = (frame, self.pulses);
+        self.next = self.next.wrapping_add(1);
     }
 
     /// Takes a pulse at which outputs act.
+    #[inline]
     pub fn pulse(&mut self, at: Time<True>) {
         self.pulses += 1;
-        self.pulse = Some(at);
+        self.pulse.set(at);
     }
 
     /// Takes outputs of a `frame` that act at `at`. Outputs that act repeatedly are judged only the
     /// first time, and the very first outputs are not judged.
-    pub fn acted(&mut self, frame: Time<True>, at: Time<True>, bound: Bound) {
+    #[inline]
+    pub fn acted(&mut self, frame: Time<True>, at: Time<True>, bound: &Bound) {
         if frame == Time::ZERO || frame == self.acted {
             return;
         }
@@ -77,24 +81,26 @@ impl OutputsCycle {
         }
         let age = at - frame;
         self.age.push(age.0);
-        let cycles = match bound {
+        let cycles = match *bound {
             Bound::Free => 0,
             Bound::Sm2(cycle) => self.newer(frame, cycle),
-            Bound::Pulse(opportunity) => {
-                self.pulse.map_or(0, |pulse| opportunity.cycles_late_since_frame(pulse - frame))
-            }
+            Bound::Pulse(ref opportunity) => self
+                .pulse
+                .get()
+                .map_or(0, |pulse| opportunity.cycles_late_since_frame(pulse - frame)),
             Bound::NextPulse { pulse, frame: every } => self.passed(frame, pulse, every),
         };
         self.late.take(at, cycles, age);
     }
 
     /// Number of cycles by which the newest stored outputs are newer than these.
-    fn newer(&self, frame: Time<True>, cycle: Nanos) -> i64 {
+    #[inline]
+    fn newer(&self, frame: Time<True>, cycle: Picos) -> i64 {
         let newer = (self.newest - frame).0;
         if newer <= 0 {
             return 0;
         }
-        let cycle = Picos::from(cycle).0.max(1);
+        let cycle = cycle.0.max(1);
         ((newer + cycle / 2) / cycle).max(1)
     }
 
@@ -140,16 +146,16 @@ mod tests {
         let mut judge = OutputsCycle::default();
         judge.pulse(at(1_650));
         // Old outputs may have acted before, so they are not judged.
-        judge.acted(at(10), at(680), bound);
+        judge.acted(at(10), at(680), &bound);
         assert_eq!((late(&judge), judge.age().count()), ((0, 0), 0));
-        judge.acted(at(1_000), at(1_680), bound);
+        judge.acted(at(1_000), at(1_680), &bound);
         assert_eq!((late(&judge), judge.age().largest()), ((0, 0), 680_000_000));
         judge.pulse(at(3_650));
-        judge.acted(at(2_000), at(3_680), bound);
+        judge.acted(at(2_000), at(3_680), &bound);
         assert_eq!((late(&judge), judge.late().first()), ((1, 1), Some(at(3_680))));
         // The same outputs act again after a lost frame, which is not judged again.
         judge.pulse(at(4_650));
-        judge.acted(at(2_000), at(4_680), bound);
+        judge.acted(at(2_000), at(4_680), &bound);
         assert_eq!((late(&judge), judge.age().count()), ((1, 1), 2));
     }
 
@@ -157,33 +163,33 @@ mod tests {
     fn a_pulse_that_passes_stored_outputs_by_makes_them_late() {
         let bound = Bound::NextPulse { pulse: CYCLE, frame: CYCLE };
         let mut judge = OutputsCycle::default();
-        judge.acted(at(10), at(680), bound);
+        judge.acted(at(10), at(680), &bound);
         judge.stored(at(1_000));
         judge.pulse(at(1_100));
-        judge.acted(at(1_000), at(1_130), bound);
+        judge.acted(at(1_000), at(1_130), &bound);
         assert_eq!(late(&judge), (0, 0));
         judge.stored(at(2_000));
         judge.pulse(at(2_100));
         judge.stored(at(3_000));
         judge.pulse(at(3_100));
-        judge.acted(at(2_000), at(3_130), bound);
+        judge.acted(at(2_000), at(3_130), &bound);
         assert_eq!(late(&judge), (1, 1));
     }
 
     #[test]
     fn newer_outputs_end_a_cycle_without_pulses() {
         let mut judge = OutputsCycle::default();
-        judge.acted(at(10), at(680), Bound::Free);
+        judge.acted(at(10), at(680), &Bound::Free);
         judge.stored(at(1_000));
-        judge.acted(at(1_000), at(1_999), Bound::Sm2(CYCLE));
+        judge.acted(at(1_000), at(1_999), &Bound::Sm2(CYCLE.into()));
         assert_eq!(late(&judge), (0, 0));
         judge.stored(at(2_000));
         judge.stored(at(3_000));
-        judge.acted(at(2_000), at(3_001), Bound::Sm2(CYCLE));
+        judge.acted(at(2_000), at(3_001), &Bound::Sm2(CYCLE.into()));
         assert_eq!(late(&judge), (1, 1));
         // Free Run has no bound, and outputs of unknown origin are not judged.
-        judge.acted(at(3_000), at(9_000), Bound::Free);
-        judge.acted(Time::ZERO, at(9_000), Bound::Sm2(CYCLE));
+        judge.acted(at(3_000), at(9_000), &Bound::Free);
+        judge.acted(Time::ZERO, at(9_000), &Bound::Sm2(CYCLE.into()));
         assert_eq!((late(&judge), judge.age().count()), ((1, 1), 3));
     }
 }

@@ -2,13 +2,14 @@
 
 use isocat_wire::time::{Picos, Time, True};
 
+use super::Mark;
 use crate::statistics::Statistics;
 
 /// Watches the time from the acting pulse to valid outputs of one SubDevice.
 #[derive(Clone, Debug, Default)]
 pub struct OutputsDelay {
     limit: Picos,
-    sync0: Option<Time<True>>,
+    sync0: Mark<True>,
     delay: Statistics,
     first_beyond: Option<Time<True>>,
 }
@@ -21,7 +22,7 @@ impl OutputsDelay {
 
     /// Takes an acting SYNC0.
     pub fn sync0(&mut self, at: Time<True>) {
-        self.sync0 = Some(at);
+        self.sync0.set(at);
     }
 
     /// Takes the instant at which outputs became valid.

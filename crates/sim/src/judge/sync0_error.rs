@@ -3,7 +3,7 @@
 use isocat_sync::settling::Settling;
 use isocat_wire::time::{Picos, Time, True};
 
-use super::Grid;
+use super::{Grid, Points, SystemTime};
 use crate::statistics::Statistics;
 
 /// Watches the SYNC0 edges of one SubDevice against the ideal grid of the reference clock.
@@ -12,7 +12,7 @@ use crate::statistics::Statistics;
 /// SubDevice whose oscillator differs from the reference clock's and is controlled by it.
 #[derive(Clone, Debug)]
 pub struct Sync0Error {
-    grid: Grid,
+    points: Points,
     limit: Picos,
     statistics: Statistics,
     /// The last edge, and its error.
@@ -25,7 +25,7 @@ impl Sync0Error {
     /// A judge that expects edges on `grid` with an error of at most `limit`.
     pub fn new(grid: Grid, limit: Picos) -> Self {
         Self {
-            grid,
+            points: Points::new(grid),
             limit,
             statistics: Statistics::default(),
             last: None,
@@ -37,27 +37,36 @@ impl Sync0Error {
     /// Takes an edge at true time `at`, when the system time of the reference clock was
     /// `reference_ps`; returns its error.
     pub fn edge(&mut self, at: Time<True>, reference_ps: i128) -> Picos {
-        let error = self.follow(at, self.grid.error(reference_ps));
+        self.meet(at, SystemTime::of_ps(reference_ps)).1
+    }
+
+    /// The same; returns also the number of its grid point.
+    #[inline(always)]
+    pub(crate) fn meet(&mut self, at: Time<True>, reference: SystemTime) -> (i64, Picos) {
+        let (number, error) = self.points.meet(reference);
+        let error = self.follow(at, error);
         self.statistics.push(error.0);
         self.settling.sample(at, error);
         if error.abs() > self.limit && self.first_beyond.is_none() {
             self.first_beyond = Some((at, error));
         }
-        error
+        (number, error)
     }
 
     /// Continues the error from the last one: a clock that drifts away leaves its cycle, and its
     /// error continues to increase. After a pause SYNC0 was started again, so its error does not
     /// continue the last one.
+    #[inline]
     fn follow(&mut self, at: Time<True>, error: Picos) -> Picos {
-        let cycle = Picos::from(self.grid.cycle).0;
+        let (cycle, half) = (self.points.cycle().0, self.points.half());
         let last = self.last.filter(|(last, _)| (at - *last).0 <= PAUSE * cycle);
         if last.is_none() && self.last.is_some() {
             self.settling.close();
         }
         let gap = last.map_or(0, |(_, last)| last.0 - error.0);
         // As a rule it is the same cycle, and nothing is to be divided.
-        let cycles = if gap.abs() < cycle / 2 { 0 } else { (gap + cycle / 2).div_euclid(cycle) };
+        let cycles =
+            if gap.unsigned_abs() < half { 0 } else { (gap + cycle / 2).div_euclid(cycle) };
         let error = Picos(error.0 + cycles * cycle);
         self.last = Some((at, error));
         error

@@ -2,6 +2,7 @@
 
 use isocat_wire::time::{Device, Nanos, Time};
 
+use super::Mark;
 use crate::statistics::Statistics;
 
 /// Watches one SubDevice: the time from the SM2 event to the next SYNC0, and from the end of
@@ -9,14 +10,14 @@ use crate::statistics::Statistics;
 /// SubDevice's own oscillator, like its times in 0x1C32.
 #[derive(Clone, Debug, Default)]
 pub struct SyncMargin {
-    sm2: Option<Time<Device>>,
+    sm2: Mark<Device>,
     /// An SM2 event that no SYNC0 has followed yet.
-    stored: Option<Time<Device>>,
-    ready: Option<Time<Device>>,
+    stored: Mark<Device>,
+    ready: Mark<Device>,
     /// Whether copying is in progress.
     copying: bool,
     /// An acting pulse that came after outputs were stored and before they were ready.
-    overtaken: Option<Time<Device>>,
+    overtaken: Mark<Device>,
     distance: Statistics,
     margin: Statistics,
     unready: u64,
@@ -25,12 +26,12 @@ pub struct SyncMargin {
 impl SyncMargin {
     /// Takes the instant at which outputs were stored.
     pub fn sm2(&mut self, at: Time<Device>) {
-        self.sm2 = Some(at);
-        self.stored = Some(at);
+        self.sm2.set(at);
+        self.stored.set(at);
         // Outputs that were not copied were missed, so the next ready outputs are not late for that
         // pulse.
         if !self.copying {
-            self.overtaken = None;
+            self.overtaken.clear();
         }
     }
 
@@ -43,7 +44,7 @@ impl SyncMargin {
     pub fn ready(&mut self, at: Time<Device>) -> Option<Nanos> {
         self.copying = false;
         let Some(pulse) = self.overtaken.take() else {
-            self.ready = Some(at);
+            self.ready.set(at);
             return None;
         };
         Some(self.left(pulse - at))
@@ -61,7 +62,7 @@ impl SyncMargin {
         let sm2 = self.sm2.take();
         let Some(ready) = self.ready.take() else {
             self.unready += 1;
-            self.overtaken = sm2.map(|_| at);
+            self.overtaken = sm2.map(|_| at).into();
             return None;
         };
         Some(self.left(at - ready))

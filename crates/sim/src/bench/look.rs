@@ -1,0 +1,68 @@
+//! What the judges look at besides the SubDevice of an event: the segment at that moment.
+
+use isocat_wire::time::{Picos, Time, True};
+
+use crate::device::{Device, Tick};
+use crate::judge::SystemTime;
+use crate::path::{Arrival, Path};
+use crate::segment::Segment;
+use crate::wiring::MainPort;
+
+/// The segment, as long as nothing happens in it.
+pub(super) struct Look<'a> {
+    /// The ways of frames from both ports.
+    paths: [&'a Path; 2],
+    /// The SubDevice of the reference clock, if it has power: without power it shows a meaningless
+    /// time.
+    leader: Option<&'a Device>,
+    /// Ticks of the reference clock that were read, by the last digits of their number: the pulses
+    /// of a cycle come within a few ticks.
+    ticks: [Tick; TICKS],
+}
+
+impl<'a> Look<'a> {
+    pub fn new(segment: &'a Segment, leader: Option<&'a Device>) -> Self {
+        let paths = [MainPort::Primary, MainPort::Secondary].map(|port| segment.path_from(port));
+        Self { paths, leader, ticks: [Tick::NONE; TICKS] }
+    }
+
+    /// The system time of the reference clock; `None` without one.
+    #[inline]
+    pub fn system_time(&mut self, at: Time<True>) -> Option<SystemTime> {
+        let leader = self.leader?;
+        let number = leader.tick_at(at);
+        let kept = &mut self.ticks[number as usize % TICKS];
+        if kept.number != number {
+            *kept = leader.tick(number);
+        }
+        Some(kept.system_time(at))
+    }
+
+    /// Time from a SubDevice to the MainDevice, for a frame that passed the SubDevice; `None` if it
+    /// has no way back.
+    #[inline]
+    pub fn way_back(&self, device: usize) -> Option<Picos> {
+        // Most segments are lines, in which places are positions.
+        match self.paths[0].entries.get(device) {
+            Some(entry) if entry.device == device => Some(rest(self.paths[0], entry)),
+            _ => self.search(device),
+        }
+    }
+
+    #[cold]
+    fn search(&self, device: usize) -> Option<Picos> {
+        self.paths.iter().find_map(|path| {
+            let entry = path.entries.iter().find(|entry| entry.device == device)?;
+            Some(rest(path, entry))
+        })
+    }
+}
+
+/// Time from an arrival to the end of the way.
+#[inline]
+fn rest(path: &Path, arrival: &Arrival) -> Picos {
+    Picos(path.round_trip.0 - arrival.after.0)
+}
+
+/// Number of ticks that are kept.
+const TICKS: usize = 8;

@@ -43,24 +43,75 @@ impl Edges {
 
     /// When a frame that arrives at `at` is forwarded: at most half a period earlier or later than
     /// on average.
-    #[inline]
     pub fn forward<'a>(
         &self,
         at: Time<True>,
         oscillator: impl FnOnce() -> &'a Oscillator,
     ) -> Time<True> {
+        self.after(Picos::ZERO).forward(at, oscillator)
+    }
+
+    /// A hop that `takes` this time up to the port, without jitter.
+    pub fn after(&self, takes: Picos) -> Hop {
+        let turned = self.turned.wrapping_add(self.turns.wrapping_mul(takes.0 as u64));
+        let on_average = takes.0.wrapping_add((self.period / 2).into()) as u64;
+        Hop { turns: self.turns, turned, on_average, period: self.period, phase: self.phase }
+    }
+}
+
+/// A frame's transfer from the port before to one with [`Edges`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Hop {
+    /// As in [`Edges`], the phase that a frame finds which leaves the port before at zero.
+    turns: u64,
+    turned: u64,
+    /// Time until the frame would be forwarded if it had come at an edge, ps.
+    on_average: u64,
+    /// As in [`Edges`].
+    period: u32,
+    phase: u32,
+}
+
+impl Hop {
+    /// When a frame that left the port before at `at` is forwarded.
+    #[inline(always)]
+    pub fn forward<'a>(
+        &self,
+        at: Time<True>,
+        oscillator: impl FnOnce() -> &'a Oscillator,
+    ) -> Time<True> {
+        let on_average = at.count().wrapping_add(self.on_average);
+        if self.turns == 0 || on_average < u64::from(u32::MAX) {
+            return self.forward_by(on_average, oscillator);
+        }
         // The later it arrives after an edge, the shorter it waits for the next one. The period of
         // the oscillator differs from that of true time by less than 1 ps.
+        let turn = at.count().wrapping_mul(self.turns).wrapping_add(self.turned);
+        let behind = ((u128::from(turn) * u128::from(self.period)) >> 64) as u64;
+        Time::new(on_average - behind)
+    }
+
+    /// The same by an oscillator that is not straight, without edges, or near true time zero.
+    #[cold]
+    fn forward_by<'a>(
+        &self,
+        on_average: u64,
+        oscillator: impl FnOnce() -> &'a Oscillator,
+    ) -> Time<True> {
+        if self.period == 0 {
+            return Time::new(on_average);
+        }
+        let at = on_average.wrapping_sub((self.period / 2).into());
         let behind = if self.turns > 0 {
-            let turn = at.count().wrapping_mul(self.turns).wrapping_add(self.turned);
+            let left = on_average.wrapping_sub(self.on_average);
+            let turn = left.wrapping_mul(self.turns).wrapping_add(self.turned);
             ((u128::from(turn) * u128::from(self.period)) >> 64) as u64
-        } else if self.period > 0 {
-            oscillator().count_ps(at).wrapping_add(self.phase.into()) % u64::from(self.period)
         } else {
-            return at;
+            let count = oscillator().count_ps(Time::new(at)).wrapping_add(self.phase.into());
+            count % u64::from(self.period)
         };
         // A frame must not arrive before true time zero, but may leave there.
-        Time::new((at.count() + u64::from(self.period / 2)).saturating_sub(behind))
+        Time::new(on_average.saturating_sub(behind))
     }
 }
 

@@ -180,19 +180,23 @@ impl Oscillator {
     }
 
     /// The first point of true time, ps, at which a clock without further pieces counts `reading`,
-    /// which is below [`SHORT`]. A multiplication replaces a division of 128 bits, and a correction
-    /// makes it exact.
+    /// which is below [`SHORT`]. A multiplication replaces a division of 128 bits.
     #[inline]
     fn first_at(&self, reading: u64) -> u64 {
-        let count = u128::from(reading) << 64;
-        let reached = |at: u64| u128::from(at) * u128::from(self.rate) >= count;
+        // The exact quotient is not below this one, and higher by less than the reading.
         let product = u128::from(reading) * u128::from(self.reciprocal);
-        let mut at = (product >> RECIPROCAL_SHIFT) as u64;
-        while !reached(at) {
-            at += 1;
+        let (at, part) = ((product >> RECIPROCAL_SHIFT) as u64, product as u64 & (SHORT - 1));
+        if part > 0 && part + reading <= SHORT {
+            return at + 1;
         }
-        while at > 0 && reached(at - 1) {
-            at -= 1;
+        self.first_from(at, reading)
+    }
+
+    /// The same from a point on that is not behind it.
+    #[cold]
+    fn first_from(&self, mut at: u64, reading: u64) -> u64 {
+        while (u128::from(at) * u128::from(self.rate)) >> 64 < reading.into() {
+            at += 1;
         }
         at
     }

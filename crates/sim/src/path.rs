@@ -17,7 +17,7 @@ use isocat_wire::dl::DlStatus;
 use isocat_wire::time::{Picos, Time, True};
 
 use crate::disturbance::Line;
-use crate::jitter::Edges;
+use crate::jitter::{Edges, Hop};
 use crate::oscillator::Oscillator;
 use crate::wiring::{End, MainPort, Wiring};
 
@@ -101,13 +101,17 @@ pub struct Arrival {
 /// The time from the previous arrival to this one.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Step {
-    /// The previous stay and the hop, without jitter.
-    takes: Picos,
-    edges: Edges,
+    /// The previous stay and the hop.
+    hop: Hop,
     /// The place of the port in [`Ports`].
     place: u32,
-    /// Whether it is the next one of the entries; otherwise of the returns.
-    entry: bool,
+}
+
+/// Steps one after another whose arrivals are all entries, or all returns.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Leg {
+    steps: usize,
+    entries: bool,
 }
 
 /// When a port forwards frames, in addition to the wiring's delays.
@@ -146,14 +150,24 @@ impl Ports {
     /// returns when it does, if the port is not free yet.
     #[inline]
     pub fn take(&mut self, place: u32, at: Time<True>, duration: Picos) -> Time<True> {
+        self.occupy(place, at, duration + LEAST_GAP)
+    }
+
+    /// The same for the duration and the gap behind it.
+    #[inline(always)]
+    fn occupy(&mut self, place: u32, at: Time<True>, whole: Picos) -> Time<True> {
         let free = &mut self.0[place as usize];
-        let mut at = at;
-        if *free > at && *free <= at + MOST_PUT_OFF {
-            at = *free;
-        }
-        *free = at + (duration + LEAST_GAP);
+        let at = if *free > at { put_off(at, *free) } else { at };
+        *free = at + whole;
         at
     }
+}
+
+/// When a port takes a frame that arrives at `at` and finds it occupied until `free`.
+#[cold]
+#[inline(never)]
+fn put_off(at: Time<True>, free: Time<True>) -> Time<True> {
+    if free <= at + MOST_PUT_OFF { free } else { at }
 }
 
 /// All arrivals of one frame, in the order of time, and its way back.
@@ -173,6 +187,8 @@ pub struct Path {
     pub processed_first: bool,
     /// A step for each arrival, in the order of time; empty if no hop jitters.
     steps: Vec<Step>,
+    /// The steps by what they lead to.
+    legs: Vec<Leg>,
     /// The time after the last arrival.
     last_step: Picos,
 }
@@ -196,7 +212,7 @@ impl Path {
         let mut path = Path { processed_first: true, ..Path::default() };
         let mut processed = vec![false; wiring.devices()];
         let mut end = End::Main(from);
-        let (mut at, mut before) = (Picos::ZERO, Picos::ZERO);
+        let (mut at, mut before, mut jitters) = (Picos::ZERO, Picos::ZERO, false);
         // No port is reached twice, unless the way is endless.
         let mut most = 4 * wiring.devices() + 1;
         while let Some(hop) = wiring.hop(end).filter(|hop| carries((hop.cable, hop.direction))) {
@@ -219,10 +235,13 @@ impl Path {
             let Reception { edges, sooner } = reception(device, port);
             at -= sooner;
             let arrival = Arrival { device, port, after: at };
-            let entry = turn.processed;
-            let place = Ports::place(device, port);
-            path.steps.push(Step { takes: at - before, edges, place, entry });
-            before = at;
+            let (entries, place) = (turn.processed, Ports::place(device, port));
+            path.steps.push(Step { hop: edges.after(at - before), place });
+            match path.legs.last_mut() {
+                Some(leg) if leg.entries == entries => leg.steps += 1,
+                _ => path.legs.push(Leg { steps: 1, entries }),
+            }
+            (before, jitters) = (at, jitters | edges.are_there());
             let stay = wiring.stay(device);
             if turn.processed {
                 path.entries.push(arrival);
@@ -235,7 +254,7 @@ impl Path {
             }
             end = End::Port(device, turn.exit);
         }
-        if !path.steps.iter().any(|step| step.edges.are_there()) {
+        if !jitters {
             path.steps.clear();
         }
         path
@@ -252,13 +271,17 @@ impl Path {
         if self.steps.is_empty() {
             return;
         }
-        let (mut entries, mut returns) = (self.entries.iter_mut(), self.returns.iter_mut());
+        let mut steps = self.steps.as_slice();
+        let (mut entries, mut returns) = (self.entries.as_mut_slice(), self.returns.as_mut_slice());
+        let whole = duration + LEAST_GAP;
         let mut at = start;
-        for step in &self.steps {
-            at = step.edges.forward(at + step.takes, || oscillator(Ports::device(step.place)));
-            at = ports.take(step.place, at, duration);
-            let arrival = if step.entry { entries.next() } else { returns.next() };
-            if let Some(arrival) = arrival {
+        for leg in &self.legs {
+            let arrivals = if leg.entries { &mut entries } else { &mut returns };
+            let reached = arrivals.split_off_mut(..leg.steps).unwrap_or_default();
+            let taken = steps.split_off(..leg.steps).unwrap_or_default();
+            for (step, arrival) in taken.iter().zip(reached) {
+                at = step.hop.forward(at, || oscillator(Ports::device(step.place)));
+                at = ports.occupy(step.place, at, whole);
                 arrival.after = at - start;
             }
         }

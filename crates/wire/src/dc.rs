@@ -25,6 +25,7 @@ pub enum DifferencePolarity {
 
 impl SystemTimeDifference {
     /// Converts local minus received time; the magnitude saturates.
+    #[inline]
     pub fn from_nanos(difference: Nanos, polarity: DifferencePolarity) -> Self {
         let magnitude = difference.0.unsigned_abs().min(0x7FFF_FFFF) as u32;
         let ahead = difference.0 >= 0;

@@ -6,6 +6,8 @@
 //! difference + 2) (start - difference + 2)). Between two changes of speed both the clock and its
 //! inverse are closed forms.
 
+use core::num::NonZeroU32;
+
 use isocat_wire::Time;
 use isocat_wire::time::Device;
 
@@ -21,19 +23,43 @@ pub(crate) struct Clock {
     local: u64,
     gain: Divider,
     loss: Divider,
+    /// The speed counter start and difference that the periods of the dividers follow from.
+    speed: (u16, i16),
+    /// Ticks in a nanosecond of local time, 2^-[`PACE`].
+    pace: u64,
 }
 
 impl Clock {
     /// A clock that shows `local` at `now` and runs at its nominal speed.
     pub fn new(local: u64, now: Time<Device>) -> Self {
-        let divider = Divider::new(super::drift_loop::START, 0);
-        Self { base: tick(now), local, gain: divider, loss: divider }
+        let speed = (super::drift_loop::START, 0);
+        let divider = Divider::new(speed.0, speed.1);
+        let mut clock =
+            Self { base: tick(now), local, gain: divider, loss: divider, speed, pace: 0 };
+        clock.set_pace();
+        clock
     }
 
     /// Local time in ns, 64 bits. Before the last change of speed the nominal speed is assumed.
-    #[inline]
+    #[inline(never)]
     pub fn local(&self, at: Time<Device>) -> u64 {
+        self.local_now(at)
+    }
+
+    /// The same for the place at which it is asked for in every cycle.
+    #[inline(always)]
+    pub fn local_now(&self, at: Time<Device>) -> u64 {
         let tick = tick(at);
+        let ticks = tick.wrapping_sub(self.base);
+        if ticks < SHORT {
+            return self.local.wrapping_add(self.short_advance(ticks as u32));
+        }
+        self.local_far(tick)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn local_far(&self, tick: u64) -> u64 {
         match tick.checked_sub(self.base) {
             Some(ticks) => self.local.wrapping_add(self.advance(ticks)),
             None => self.local.wrapping_sub((self.base - tick).wrapping_mul(TICK)),
@@ -55,15 +81,17 @@ impl Clock {
         }
         let from_tick = tick(from);
         // Counting from `from` keeps the numbers small.
-        let clock = self.rebased(from_tick);
-        let target = span as u64;
-        if target < SOON && clock.base == from_tick {
-            let (ticks, advance) = clock.soon(target as u32);
-            return (Time::new((clock.base + u64::from(ticks)) * TICK), Some(advance.into()));
+        let mut clock = *self;
+        clock.rebase(from_tick);
+        if clock.base == from_tick
+            && let Some((at, passed)) = clock.soon(span)
+        {
+            return (at, Some(passed));
         }
+        let target = span as u64;
         // Estimate with the mean speed, then correct: the phases of the dividers shift it by a few
         // ticks.
-        let (plus, minus) = (u64::from(clock.gain.period), u64::from(clock.loss.period));
+        let (plus, minus) = (self.gain.period(), self.loss.period());
         let area = plus * minus;
         let speed = TICK * area + minus - plus;
         let ticks = match target.checked_mul(area) {
@@ -79,73 +107,114 @@ impl Clock {
         (Time::new((clock.base + ticks) * TICK), passed)
     }
 
-    /// The first number of ticks since the base in which the local time gains `target`, which is
-    /// below [`SOON`], and what it gains in them: [`Self::passed`] in numbers of 32 bits.
-    #[inline]
-    fn soon(&self, target: u32) -> (u32, u32) {
-        let (plus, minus) = (u64::from(self.gain.period), u64::from(self.loss.period));
-        let area = plus * minus;
-        // A period has 15 bits, so the product has no more than 61.
-        let ticks = u64::from(target) * area / (TICK * area + minus - plus);
-        let advance = |ticks| u64::from(self.gain_of(ticks as u32));
-        let (ticks, advance) = first(ticks, target.into(), advance);
-        (ticks as u32, advance as u32)
-    }
-
-    /// [`Self::advance`] of a number of ticks that is below [`SOON`] / 5.
-    #[inline]
-    fn gain_of(&self, ticks: u32) -> u32 {
-        let pulses = |divider: &Divider| match ticks.checked_sub(divider.left) {
-            Some(rest) => 1 + rest / divider.period,
-            None => 0,
-        };
-        ticks * TICK as u32 + pulses(&self.gain) - pulses(&self.loss)
-    }
-
-    /// Counts from `now` on, which is not before the last change of speed; otherwise nothing is
-    /// done. Returns the local time at the base.
-    #[inline]
-    pub fn count_from(&mut self, now: Time<Device>) -> Option<u64> {
-        let tick = tick(now);
-        if tick < self.base {
+    /// [`Self::passed`] from the last change of speed on, in numbers of 32 bits; `None` if the span
+    /// is not above zero, not below [`SOON`], or not found at once.
+    #[inline(always)]
+    pub fn soon(&self, span: i64) -> Option<(Time<Device>, u64)> {
+        if !(1..SOON).contains(&(span as u64)) {
             return None;
         }
-        *self = self.rebased(tick);
-        Some(self.local)
+        let target = span as u64;
+        // Estimated with the mean speed, and a tick more, so that it seldom has to be corrected.
+        let mut ticks = ((target * self.pace) >> PACE) as u32 + 1;
+        let ((gained, mut gain), (lost, mut loss)) =
+            (self.gain.phase(ticks)?, self.loss.phase(ticks)?);
+        let mut advance = u64::from(ticks) * TICK + u64::from(gained) - u64::from(lost);
+        // A tick is 9 to 11 ns. What the last one added is seen by the phases of the dividers.
+        while advance < target {
+            (ticks, gain, loss) = (ticks + 1, gain + 1, loss + 1);
+            advance += TICK;
+            if gain == self.gain.period.get() {
+                (gain, advance) = (0, advance + 1);
+            }
+            if loss == self.loss.period.get() {
+                (loss, advance) = (0, advance - 1);
+            }
+        }
+        while advance - target >= TICK - 1 {
+            let last = TICK + u64::from(gain == 0) - u64::from(loss == 0);
+            if advance - target < last {
+                break;
+            }
+            (ticks, advance) = (ticks - 1, advance - last);
+            gain = gain.checked_sub(1).unwrap_or(self.gain.period.get() - 1);
+            loss = loss.checked_sub(1).unwrap_or(self.loss.period.get() - 1);
+        }
+        Some((Time::new((self.base + u64::from(ticks)) * TICK), advance))
     }
 
     /// Sets another speed from `now` on, and moves the local time by `step` ns. The dividers keep
     /// their phase: a new period counts from their next pulse on.
-    #[inline]
+    #[inline(always)]
     pub fn adjust(&mut self, now: Time<Device>, start: u16, difference: i16, step: i64) {
-        *self = self.rebased(tick(now));
+        self.rebase(tick(now));
         self.local = self.local.wrapping_add_signed(step);
-        self.gain.period = Divider::new(start, -difference).period;
-        self.loss.period = Divider::new(start, difference).period;
+        if self.speed != (start, difference) {
+            self.set_speed(start, difference);
+        }
     }
 
-    /// The same clock counted from `tick` on, but not from before its last change of speed.
-    #[inline]
-    fn rebased(&self, tick: u64) -> Self {
-        let base = tick.max(self.base);
-        let ticks = base - self.base;
-        if ticks == 0 {
-            return *self;
+    #[cold]
+    #[inline(never)]
+    fn set_speed(&mut self, start: u16, difference: i16) {
+        self.speed = (start, difference);
+        self.gain.period = Divider::new(start, -difference).period;
+        self.loss.period = Divider::new(start, difference).period;
+        self.set_pace();
+    }
+
+    fn set_pace(&mut self) {
+        // A period has 15 bits.
+        let (plus, minus) = (self.gain.period(), self.loss.period());
+        let area = plus * minus;
+        self.pace = (area << PACE) / (TICK * area + minus - plus);
+    }
+
+    /// The local time at `now`, if the clock counts from there.
+    #[inline(always)]
+    pub fn counted(&self, now: Time<Device>) -> Option<u64> {
+        (self.base == tick(now)).then_some(self.local)
+    }
+
+    /// Counts from `tick` on, but not from before the last change of speed.
+    #[inline(always)]
+    fn rebase(&mut self, tick: u64) {
+        let ticks = tick.saturating_sub(self.base);
+        if ticks >= SHORT {
+            return self.rebase_far(ticks);
         }
-        let ((gained, gain), (lost, loss)) = match u32::try_from(ticks) {
-            Ok(ticks) => (self.gain.pass_short(ticks), self.loss.pass_short(ticks)),
-            Err(_) => (self.gain.pass(ticks), self.loss.pass(ticks)),
-        };
-        let advance = ticks.wrapping_mul(TICK).wrapping_add(gained).wrapping_sub(lost);
-        Self { base, local: self.local.wrapping_add(advance), gain, loss }
+        self.base += ticks;
+        let ticks = ticks as u32;
+        let (gained, lost) = (self.gain.pass(ticks), self.loss.pass(ticks));
+        let advance = u64::from(ticks) * TICK + u64::from(gained);
+        self.local = self.local.wrapping_add(advance).wrapping_sub(lost.into());
+    }
+
+    /// The same for a number of ticks that may exceed 32 bits.
+    #[cold]
+    #[inline(never)]
+    fn rebase_far(&mut self, ticks: u64) {
+        let advance = self.advance(ticks);
+        (self.base, self.local) = (self.base + ticks, self.local.wrapping_add(advance));
+        for divider in [&mut self.gain, &mut self.loss] {
+            // All ticks but the last ones are whole periods.
+            let whole = ticks.saturating_sub(divider.left.into()) / divider.period();
+            divider.pass((ticks - whole * divider.period()) as u32);
+        }
     }
 
     /// Nanoseconds that the local time gains in the first `ticks` since the base.
-    #[inline]
     fn advance(&self, ticks: u64) -> u64 {
         (ticks.wrapping_mul(TICK))
             .wrapping_add(self.gain.pulses(ticks))
             .wrapping_sub(self.loss.pulses(ticks))
+    }
+
+    /// The same for a number of ticks below [`SHORT`].
+    #[inline(always)]
+    fn short_advance(&self, ticks: u32) -> u64 {
+        let (gained, lost) = (self.gain.short_pulses(ticks), self.loss.short_pulses(ticks));
+        u64::from(ticks) * TICK + u64::from(gained) - u64::from(lost)
     }
 }
 
@@ -153,7 +222,7 @@ impl Clock {
 #[derive(Clone, Copy, Debug)]
 struct Divider {
     /// Ticks between two pulses.
-    period: u32,
+    period: NonZeroU32,
     /// Ticks from the base to the first pulse, at least 1.
     left: u32,
 }
@@ -165,47 +234,47 @@ impl Divider {
         // The drift loop keeps the difference below the start; the lower limit 1 guards against
         // other callers.
         let period = (start + i32::from(difference) + 2).max(1) as u32;
-        Self { period, left: period }
+        Self { period: NonZeroU32::new(period).unwrap_or(NonZeroU32::MIN), left: period }
+    }
+
+    fn period(&self) -> u64 {
+        self.period.get().into()
     }
 
     /// Pulses in the first `ticks` since the base.
-    #[inline]
     fn pulses(&self, ticks: u64) -> u64 {
-        match ticks.checked_sub(u64::from(self.left)) {
-            Some(rest) => 1 + divide(rest, self.period).0,
-            None => 0,
-        }
+        ticks.checked_sub(u64::from(self.left)).map_or(0, |rest| 1 + rest / self.period())
     }
 
-    /// Pulses in the first `ticks`, and the same counter behind them.
-    fn pass(&self, ticks: u64) -> (u64, Self) {
-        match ticks.checked_sub(u64::from(self.left)) {
-            Some(rest) => {
-                let (whole, rest) = divide(rest, self.period);
-                (1 + whole, Self { left: self.period - rest, ..*self })
+    /// The same for a number of ticks below [`SHORT`].
+    #[inline(always)]
+    fn short_pulses(&self, ticks: u32) -> u32 {
+        (ticks + self.period.get()).checked_sub(self.left).map_or(0, |since| since / self.period)
+    }
+
+    /// Counts this number of ticks, which is below [`SHORT`], and returns the pulses in them.
+    #[inline(always)]
+    fn pass(&mut self, ticks: u32) -> u32 {
+        // Ticks since the last pulse, had it come a period before the next one.
+        match (ticks + self.period.get()).checked_sub(self.left) {
+            Some(since) => {
+                self.left = self.period.get() - since % self.period;
+                since / self.period
             }
-            None => (0, Self { left: self.left - ticks as u32, ..*self }),
-        }
-    }
-
-    /// The same for a number of ticks of 32 bits.
-    #[inline]
-    fn pass_short(&self, ticks: u32) -> (u64, Self) {
-        match ticks.checked_sub(self.left) {
-            Some(rest) => {
-                let left = self.period - rest % self.period;
-                (1 + u64::from(rest / self.period), Self { left, ..*self })
+            None => {
+                self.left -= ticks;
+                0
             }
-            None => (0, Self { left: self.left - ticks, ..*self }),
         }
     }
-}
 
-/// Quotient and remainder. Most spans fit into 32 bits, and these divide several times as fast.
-fn divide(number: u64, by: u32) -> (u64, u32) {
-    match u32::try_from(number) {
-        Ok(number) => (u64::from(number / by), number % by),
-        Err(_) => (number / u64::from(by), (number % u64::from(by)) as u32),
+    /// Pulses in the first `ticks`, which are fewer than [`SHORT`], and the ticks since the last
+    /// of them; `None` if the first pulse comes later than a period from now, as after a change of
+    /// speed.
+    #[inline(always)]
+    fn phase(&self, ticks: u32) -> Option<(u32, u32)> {
+        let since = ticks + self.period.get().checked_sub(self.left)?;
+        Some((since / self.period, since % self.period))
     }
 }
 
@@ -245,5 +314,9 @@ pub(crate) fn ceil(at: Time<Device>) -> Time<Device> {
 
 /// A span of local time, ns, that fits into 32 bits with all that is counted on the way.
 const SOON: u64 = 1 << 30;
+/// A number of ticks, 10 s, to which a period can be added in 32 bits.
+const SHORT: u64 = 1 << 30;
+/// Fraction bits of the ticks in a nanosecond. With a span below [`SOON`] the product has 62 bits.
+const PACE: u32 = 35;
 /// More ticks than any run has (2900 years).
 const FAR: u64 = u64::MAX / TICK / 20;

@@ -15,6 +15,11 @@
 use core::fmt;
 use core::str::FromStr;
 
+use super::drift_loop::{START as RESET_START, START_MAX, START_MIN};
+
+#[cfg(test)]
+mod tests;
+
 /// Fraction bits of a time difference, ns.
 pub(super) const FRACTION: u32 = 20;
 
@@ -110,15 +115,12 @@ pub(super) struct Received {
     pub difference: i32,
     /// The difference after the filter of register 0x0934, with [`FRACTION`] fraction bits.
     pub filtered: i64,
-    /// Zero was written: either a MainDevice resets the loop, or the datagram has not passed the
-    /// reference clock.
-    pub zero: bool,
     /// Time since the last received time, or since register 0x0930 was written, in ns of the
     /// device's oscillator.
     pub interval: i64,
     /// This is the first time received since the loop was reset.
     pub first: bool,
-    /// Register 0x0930, within 0x0080..=0x3FFF.
+    /// Register 0x0930.
     pub start: u16,
     /// Register 0x0934, 0..=15.
     pub time_depth: u8,
@@ -134,6 +136,8 @@ pub(super) struct Steering {
     /// Mean of the speed counter difference, as register 0x0932 shows it, with [`FRACTION`]
     /// fraction bits.
     mean: i64,
+    /// Both as whole numbers.
+    rounded: (i16, i16),
     /// Mean deviation of the clock's period that the law corrects, 2^-60.
     speed: i64,
     /// Sum of the phase steps so far, ns.
@@ -152,57 +156,84 @@ pub(super) struct Steering {
 /// Numbers that follow from register 0x0930, kept since it hardly ever changes.
 #[derive(Clone, Copy, Default, Debug)]
 struct Scale {
-    /// The register; 0 before the first time is received.
+    /// The register; `None` before the first time is received.
+    register: Option<u16>,
+    /// The register, within its useful values.
     start: u16,
     /// The change of the period by the largest speed counter difference, by [`speed_at`].
     largest: i64,
     /// The same by [`fastest`].
     fastest: i64,
-    /// The root of the last [`counter_difference`], where the search for the next one begins.
-    root: u64,
+    near: Near,
+}
+
+/// [`counter_difference`] near a speed for which it was computed: a parabola in the speed. The
+/// default is near no speed.
+#[derive(Clone, Copy, Default, Debug)]
+struct Near {
+    /// The speed, 2^-40.
+    speed: i64,
+    /// The difference there and a half, 2^-40.
+    difference: i64,
+    /// Its growth in 2^-40 of speed, 2^-40.
+    slope: i64,
+    /// The part of it that grows with the square of a change, 2^-30.
+    bend: i64,
+    /// The largest change of the difference, 2^-40.
+    reach: i64,
 }
 
 impl Scale {
-    fn of(start: u16) -> Self {
+    #[cold]
+    fn of(register: u16) -> Self {
+        let start = register.clamp(START_MIN, START_MAX);
         let largest = speed_at(range(start), start);
-        Self { start, largest, fastest: fastest(start), root: 1 << 24 }
+        let (register, fastest) = (Some(register), fastest(start));
+        Self { register, start, largest, fastest, near: Near::default() }
     }
 }
 
 impl Steering {
     /// Handles a received system time. Returns the step of the local time, ns.
-    pub fn follow(&mut self, law: DriftLaw, received: &Received) -> i64 {
-        if self.scale.start != received.start {
+    #[inline(always)]
+    pub fn follow(&mut self, law: &DriftLaw, received: &Received) -> i64 {
+        if self.scale.register != Some(received.start) {
             self.scale = Scale::of(received.start);
         }
-        match law {
+        let phase = match *law {
             DriftLaw::Hold { phase } => {
                 self.drift(received);
                 self.hold(received);
-                self.apply_speed(received.start);
-                self.step(received, phase)
+                phase
             }
             DriftLaw::Block { phase } => {
                 self.drift(received);
-                self.block(received);
-                self.apply_speed(received.start);
-                self.step(received, phase)
+                self.block(received.interval, received.first, received.speed_depth);
+                phase
             }
             DriftLaw::Proportional { gain, limit } => {
-                self.proportional(received, i64::from(gain), i64::from(limit));
-                0
+                self.proportional(&received.clone(), i64::from(gain), i64::from(limit));
+                return 0;
             }
+        };
+        match self.scale.near.difference(self.speed) {
+            Some(whole) if whole == self.rounded.0.into() => {}
+            Some(whole) => self.set(whole << FRACTION, whole << FRACTION),
+            None => self.apply_speed(),
         }
+        self.step(received, phase)
     }
 
     /// The speed counter difference in force.
+    #[inline(always)]
     pub const fn applied(&self) -> i16 {
-        round(self.applied) as i16
+        self.rounded.0
     }
 
     /// The speed counter difference as register 0x0932 shows it.
+    #[inline(always)]
     pub const fn shown(&self) -> i16 {
-        round(self.mean) as i16
+        self.rounded.1
     }
 
     /// Restarts the measurement of the difference; the speed stays.
@@ -212,44 +243,66 @@ impl Steering {
 
     /// Restarts the speed.
     pub fn forget_speed(&mut self) {
-        (self.applied, self.mean, self.speed, self.block) = (0, 0, 0, (0, 0));
+        (self.speed, self.block) = (0, (0, 0));
+        self.set(0, 0);
+    }
+
+    /// Sets the speed counter difference in force, and its mean.
+    fn set(&mut self, applied: i64, mean: i64) {
+        (self.applied, self.mean) = (applied, mean);
+        self.rounded = (round(applied) as i16, round(mean) as i16);
     }
 
     /// Updates the filtered difference as it would be without steps of phase.
+    #[inline(always)]
     fn drift(&mut self, received: &Received) {
         let sample = (i64::from(received.difference) - self.stepped) << FRACTION;
         self.drifted += (sample - self.drifted) >> received.time_depth;
     }
 
     /// Law `Hold`: the growth of the difference since the last received time corrects the speed.
+    #[inline(always)]
     fn hold(&mut self, received: &Received) {
         let interval = received.interval.clamp(1, LONGEST);
         let most = (interval * self.scale.largest) >> 20;
-        let grown = (self.drifted - self.counted).clamp(-most, most);
-        let rest = self.drifted - self.counted - grown;
+        let mut grown = self.drifted - self.counted;
+        if exceeds(grown, most) {
+            grown = self.grow_suddenly((grown, most), received.first, received.speed_depth);
+        } else {
+            self.counted = self.drifted;
+        }
+        let deviation = ((grown << 20) / interval) << 20;
+        self.speed = within(self.speed - (deviation >> received.speed_depth), self.scale.fastest);
+    }
+
+    /// The difference has grown by more than any drift, which is `most`. Returns what counts as
+    /// drift.
+    #[cold]
+    fn grow_suddenly(&mut self, (grown, most): (i64, i64), is_first: bool, depth: u8) -> i64 {
+        let drift = grown.clamp(-most, most);
+        let rest = grown - drift;
         // A remainder of the size of ticks and nibbles may be left for the next time. A jump is not
         // drift, and neither is the first difference. Without a filter the remainder acts at once,
         // and a nibble would make the loop overshoot: there everything beyond ticks counts as a
         // jump.
-        let (grain, jump) = if received.speed_depth == 0 { (TICKS, TICKS) } else { (NIBBLE, JUMP) };
-        let drifts = !received.first && rest.abs() <= jump;
+        let (grain, jump) = if depth == 0 { (TICKS, TICKS) } else { (NIBBLE, JUMP) };
+        let drifts = !is_first && rest.abs() <= jump;
         self.counted = self.drifted - if drifts { rest.clamp(-grain, grain) } else { 0 };
-        let deviation = ((grown << 20) / interval) << 20;
-        let limit = self.scale.fastest;
-        self.speed = (self.speed - (deviation >> received.speed_depth)).clamp(-limit, limit);
+        drift
     }
 
     /// Law `Block`: when the block is full, the growth of the difference since its start corrects
     /// the speed.
-    fn block(&mut self, received: &Received) {
-        if received.first {
+    #[inline(never)]
+    fn block(&mut self, interval: i64, is_first: bool, depth: u8) {
+        if is_first {
             self.counted = self.drifted;
             self.block = (0, 0);
             return;
         }
         let (count, span) = self.block;
-        self.block = (count + 1, span.saturating_add(received.interval.max(1)));
-        if self.block.0 < 1 << received.speed_depth {
+        self.block = (count + 1, span.saturating_add(interval.max(1)));
+        if self.block.0 < 1 << depth {
             return;
         }
         let limit = self.scale.fastest;
@@ -262,20 +315,24 @@ impl Steering {
     }
 
     /// Applies the whole speed counter difference that compensates the mean deviation.
-    fn apply_speed(&mut self, start: u16) {
-        let limit = i64::from(range(start));
-        let whole = counter_difference(self.speed, start, &mut self.scale.root);
-        let whole = whole.clamp(-limit, limit);
-        self.applied = whole << FRACTION;
-        self.mean = self.applied;
+    #[cold]
+    fn apply_speed(&mut self) {
+        let start = self.scale.start;
+        let (fixed, limit) = (counter_difference(self.speed, start), i64::from(range(start)));
+        let applied = whole(fixed).clamp(-limit, limit) << FRACTION;
+        self.set(applied, applied);
+        self.scale.near = Near::of(self.speed, fixed, start);
     }
 
     /// Takes off a share of the filtered difference at once, in whole ns.
+    #[inline(always)]
     fn step(&mut self, received: &Received, phase: u8) -> i64 {
         // More than 8 ms asks for the largest step anyway.
-        let filtered = received.filtered.clamp(-(1 << 43), 1 << 43);
-        let share = (filtered * 0x1000 / i64::from(received.start)) >> phase.min(20);
-        let wanted = self.rest - share.clamp(-LARGEST_STEP, LARGEST_STEP);
+        let mut share = within(received.filtered, 1 << 43);
+        if self.scale.start != RESET_START {
+            share = share * i64::from(RESET_START) / i64::from(self.scale.start);
+        }
+        let wanted = self.rest - within(share >> phase.min(20), LARGEST_STEP);
         let whole = wanted >> FRACTION;
         self.rest = wanted - (whole << FRACTION);
         self.stepped += whole;
@@ -283,18 +340,15 @@ impl Steering {
     }
 
     /// Law `Proportional`.
+    #[inline(never)]
     fn proportional(&mut self, received: &Received, gain: i64, limit: i64) {
-        // A received zero is shown but not followed.
-        if received.zero {
-            return;
-        }
         let steering = received.filtered.clamp(-(limit << FRACTION), limit << FRACTION);
-        let share = i64::from(received.start.min(0x1000));
-        let wanted = gain * (steering * share / 0x1000);
+        let share = i64::from(self.scale.start.min(RESET_START));
+        let wanted = gain * (steering * share / i64::from(RESET_START));
         let wanted = self.mean - self.patient(wanted, steering, gain, received);
-        let range = i64::from(range(received.start)) << FRACTION;
-        self.applied = wanted.clamp(-range, range);
-        self.mean += (self.applied - self.mean) >> received.speed_depth;
+        let range = i64::from(range(self.scale.start)) << FRACTION;
+        let applied = wanted.clamp(-range, range);
+        self.set(applied, self.mean + ((applied - self.mean) >> received.speed_depth));
     }
 
     /// Limits the steering so that the loop does not overshoot. A correction lasts until the next
@@ -304,7 +358,7 @@ impl Steering {
     ///
     /// A unit of difference D at a start of A - 2 changes the speed by (A² + D²) / (5 (A² - D²)²).
     fn patient(&self, wanted: i64, steering: i64, gain: i64, received: &Received) -> i64 {
-        let (a, d) = (i64::from(received.start) + 2, self.applied >> FRACTION);
+        let (a, d) = (i64::from(self.scale.start) + 2, self.applied >> FRACTION);
         let (sum, product) = (a * a + d * d, a * a - d * d);
         let filter = 1i64 << received.time_depth.saturating_sub(2).min(13);
         let whole = 5 * product * product;
@@ -338,32 +392,68 @@ fn fastest(start: u16) -> i64 {
     ((r << 48) / (5 * (a + r) * (a - r))) << 12
 }
 
-/// The whole speed counter difference that is nearest to changing the period by `speed`, 2^-60: the
-/// published speed = D / (5 (A + D) (A - D)) solved for D.
+/// The speed counter difference, 2^-16, that changes the period by `speed`, 2^-60: the published
+/// speed = D / (5 (A + D) (A - D)) solved for D.
 ///
-/// D = 10 y A² / (1 + sqrt(1 + (10 y A)²)). `root` is a root that was found before, and the new one
-/// after the call.
-fn counter_difference(speed: i64, start: u16, root: &mut u64) -> i64 {
+/// D = 10 y A² / (1 + sqrt(1 + (10 y A)²)).
+fn counter_difference(speed: i64, start: u16) -> i64 {
     let a = i64::from(start) + 2;
     let speed = speed >> 20;
     let tenfold = (10 * speed * a) >> 16;
-    *root = root_near((1u64 << 48) + tenfold.unsigned_abs().pow(2), *root);
-    let fixed = 10 * speed * a * a / ((1 << 24) + *root as i64);
+    let root = ((1u64 << 48) + tenfold.unsigned_abs().pow(2)).isqrt();
+    10 * speed * a * a / ((1 << 24) + root as i64)
+}
+
+/// The nearest whole speed counter difference.
+const fn whole(fixed: i64) -> i64 {
     (fixed + (1 << 15)) >> 16
 }
 
-/// The square root of a number, rounded down, which is probably near `guess` (not 0).
-fn root_near(number: u64, guess: u64) -> u64 {
-    let is_root = |root: u64| {
-        let left = root.checked_mul(root).and_then(|square| number.checked_sub(square));
-        left.is_some_and(|left| left <= 2 * root)
-    };
-    if is_root(guess) {
-        return guess;
+impl Near {
+    /// Near a speed whose [`counter_difference`] is `fixed`.
+    ///
+    /// With y = D / (5 (A² - D²)) a change u of D, as the slope 5 (A² - D²)² / (A² + D²) alone
+    /// would give it, is u - D (3 A² + D²) u² / ((A² - D²) (A² + D²)), and for D up to A / 2 at
+    /// most 10 u³ / A² more or less. Up to A / 256 that is below 1 / 100.
+    fn of(speed: i64, fixed: i64, start: u16) -> Self {
+        // A and D, 2^-8.
+        let (a, d) = ((i64::from(start) + 2) << 8, fixed >> 8);
+        let reach = a >> 16;
+        let most = (a / 2).min((i64::from(range(start)) - reach - 2) << 8);
+        if d.abs() > most {
+            return Self::default();
+        }
+        let (less, more) = (a * a - d * d, a * a + d * d);
+        let slope = (5 * (less >> 16) * ((less << 18) / more)) >> 18;
+        let bend = -(((d * (((3 * a * a + d * d) << 16) / more)) << 22) / less);
+        let difference = (fixed << 24) + (1 << 39);
+        Self { speed: speed >> 20, difference, slope, bend, reach: reach << 40 }
     }
-    // One step of Newton's method.
-    let next = guess.saturating_add(number / guess) / 2;
-    if is_root(next) { next } else { number.isqrt() }
+
+    /// The whole speed counter difference for a speed, 2^-60; `None` if it must be computed: the
+    /// speed is not near, or 1/64 decides.
+    #[inline(always)]
+    fn difference(&self, speed: i64) -> Option<i64> {
+        let change = ((speed >> 20) - self.speed).wrapping_mul(self.slope);
+        let coarse = change >> 28;
+        let bent = (coarse.wrapping_mul(coarse).wrapping_mul(self.bend)) >> 14;
+        let difference = self.difference + change + bent;
+        let part = (difference << 24) as u64;
+        let is_clear = part.wrapping_sub(1 << 58) < (62 << 58);
+        (!exceeds(change, self.reach) && is_clear).then_some(difference >> 40)
+    }
+}
+
+/// Whether a number lies beyond ±`limit`.
+#[inline(always)]
+fn exceeds(number: i64, limit: i64) -> bool {
+    number.wrapping_add(limit) as u64 > 2 * limit as u64
+}
+
+/// The nearest number within ±`limit`. As a rule that is the number itself.
+#[inline(always)]
+fn within(number: i64, limit: i64) -> i64 {
+    if exceeds(number, limit) { number.clamp(-limit, limit) } else { number }
 }
 
 /// Rounds to the nearest whole number.
@@ -385,78 +475,3 @@ const JUMP: i64 = 128 << FRACTION;
 /// The largest step of phase, ns. The record only shows that the limit is 8 ns or more, or that
 /// there is none.
 const LARGEST_STEP: i64 = 100 << FRACTION;
-
-#[cfg(test)]
-mod tests {
-    use std::string::ToString;
-
-    use super::*;
-
-    #[test]
-    fn the_published_speed_is_solved_for_the_difference() {
-        for start in [0x0080, 0x0081, 0x0100, 0x1000, 0x3FFF] {
-            let (a, most) = (f64::from(start) + 2.0, i64::from(range(start)));
-            for d in (-most..=most).step_by((most as usize / 50).max(1)) {
-                let d = d as f64;
-                let speed = d / (5.0 * (a + d) * (a - d)) * (1u64 << 60) as f64;
-                let found = counter_difference(speed as i64, start, &mut (1 << 24));
-                assert_eq!(found, d as i64, "start {start:#x}");
-            }
-            for (speed, expected) in [(fastest(start), most), (-fastest(start), -most)] {
-                let found = counter_difference(speed, start, &mut (1 << 24));
-                assert_eq!(found, expected, "start {start:#x}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_root_is_the_same_from_every_guess() {
-        let numbers = [1, 2, 3, 4, 8, 9, 1 << 48, (1 << 48) + 1, u64::MAX - 1, u64::MAX];
-        for number in numbers {
-            for guess in [1, 2, 1 << 24, (1 << 24) + 1, u64::from(u32::MAX), u64::MAX] {
-                assert_eq!(root_near(number, guess), number.isqrt(), "{number} from {guess}");
-            }
-        }
-    }
-
-    #[test]
-    fn names() {
-        for (name, law) in DriftLaw::NAMED {
-            assert_eq!((name.parse(), law.to_string().as_str()), (Ok(law), name));
-        }
-        assert_eq!("Hold".parse::<DriftLaw>(), Err(UnknownDriftLaw));
-        assert_eq!(DriftLaw::Hold { phase: 11 }.to_string(), "hold 11");
-    }
-
-    /// No input makes the arithmetic overflow.
-    #[test]
-    fn any_input() {
-        for (_, law) in DriftLaw::NAMED.into_iter().chain([("", DriftLaw::Hold { phase: 255 })]) {
-            for start in [0x0080, 0x1000, 0x3FFF] {
-                for difference in [i32::MIN, i32::MAX, 0] {
-                    let mut steering = Steering::default();
-                    let mut filtered = 0;
-                    for (number, interval) in
-                        [0, 1, i64::MAX, 1_000_000, -1, i64::MAX].into_iter().enumerate()
-                    {
-                        let difference = if number % 2 == 0 { difference } else { !difference };
-                        filtered += ((i64::from(difference) << FRACTION) - filtered) >> 1;
-                        let received = Received {
-                            difference,
-                            filtered,
-                            zero: false,
-                            interval,
-                            first: number == 0,
-                            start,
-                            time_depth: number as u8,
-                            speed_depth: 0,
-                        };
-                        let step = steering.follow(law, &received);
-                        assert!(step.abs() <= 100);
-                        assert!(i64::from(steering.applied()).abs() <= i64::from(range(start)));
-                    }
-                }
-            }
-        }
-    }
-}

@@ -51,16 +51,19 @@ impl DriftLoop {
 
     /// Handles a received system time: the local copy is `difference` ns ahead of it, in 32 bits.
     /// Returns the ns by which the local time must move.
+    #[inline(always)]
     pub fn follow(
         &mut self,
         now: Time<Device>,
         difference: i32,
         zero: bool,
         settings: Settings,
-        law: DriftLaw,
+        law: &DriftLaw,
     ) -> i64 {
         let sample = i64::from(difference) << FRACTION;
-        if zero && matches!(law, DriftLaw::Proportional { .. }) {
+        // Zero was written: either a MainDevice resets the loop, or the datagram has not passed the
+        // reference clock. This law shows it but does not follow it.
+        if matches!(law, DriftLaw::Proportional { .. }) && zero {
             self.shown = Some(sample);
             return 0;
         }
@@ -70,10 +73,9 @@ impl DriftLoop {
         let received = Received {
             difference,
             filtered: self.filtered,
-            zero,
             interval: (now - self.since).0,
             first: self.first,
-            start: settings.start.clamp(START_MIN, START_MAX),
+            start: settings.start,
             time_depth,
             speed_depth: settings.speed_depth & 0x0F,
         };

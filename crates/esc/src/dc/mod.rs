@@ -239,7 +239,17 @@ impl DcUnit {
     }
 
     /// Handles the SYNC unit's earliest due time; see [`SyncUnit::fire`].
+    #[inline(never)]
     pub fn fire(&mut self, registers: &Registers) -> Option<sync::Output> {
+        if self.sync.fire_sync0(registers) {
+            return Some(sync::Output::Sync0);
+        }
+        self.fire_any(registers)
+    }
+
+    /// The same whatever is due.
+    #[inline(never)]
+    fn fire_any(&mut self, registers: &Registers) -> Option<sync::Output> {
         let now = self.sync.due();
         if self.sync.is_rough() {
             // The pulse is not due yet, but near: its due time can be placed exactly now.
@@ -288,18 +298,14 @@ impl DcUnit {
 
     /// Handles a frame that brought these lower four bytes of the system time and wrote nothing
     /// else. It arrived at `start` and ended at `end`. The result is that of [`Self::end_frame`].
+    #[inline]
     pub fn follow_whole(
         &mut self,
-        (start, end): (Time<Device>, Time<Device>),
+        times: (Time<Device>, Time<Device>),
         received: [u8; 4],
         registers: &mut Registers,
     ) {
-        let system = match self.clock.count_from(start) {
-            Some(local) => local.wrapping_add(self.offset),
-            None => self.system(start),
-        };
-        let copy = (system as u32).wrapping_sub(self.delay);
-        self.steer((start, end), copy, u32::from_le_bytes(received), registers);
+        self.steer(times, None, u32::from_le_bytes(received), registers);
     }
 
     /// Handles a system time of another segment that the PDI has written. It belongs to the last
@@ -329,38 +335,70 @@ impl DcUnit {
         for (address, byte) in (0x0910..).zip(&mut received) {
             *byte = written(address).unwrap_or(*byte);
         }
-        self.steer((at, from), copy, u32::from_le_bytes(received), registers);
+        self.steer((at, from), Some(copy), u32::from_le_bytes(received), registers);
     }
 
-    /// Compares the own time `copy` with the time received at `at`, and steers from `from` on.
+    /// Compares the own time, if it is not this `copy`, with the time received at `at`, and steers
+    /// from `from` on.
+    #[inline(never)]
     fn steer(
         &mut self,
         (at, from): (Time<Device>, Time<Device>),
-        copy: u32,
+        copy: Option<u32>,
         received: u32,
         registers: &mut Registers,
     ) {
+        let copy = copy.unwrap_or_else(|| {
+            let system = self.clock.local_now(at).wrapping_add(self.offset);
+            (system as u32).wrapping_sub(self.delay)
+        });
         let settings = Settings {
             start: registers.load(register::SPEED_COUNTER_START),
             time_depth: registers.load(register::TIME_FILTER_DEPTH),
             speed_depth: registers.load(register::SPEED_FILTER_DEPTH),
         };
         let difference = copy.wrapping_sub(received) as i32;
-        let step = self.drift.follow(at, difference, received == 0, settings, self.law);
-        self.adjust(from, step, registers);
+        let step = self.drift.follow(at, difference, received == 0, settings, &self.law);
+        self.run_on(from, step, registers);
+        if !self.place_sync0(from) {
+            self.reschedule(from);
+        }
+    }
+
+    /// Places the next SYNC0 pulse, if nothing else is planned and it comes soon after `now`, from
+    /// where the clock counts. Otherwise nothing is done, and [`Self::reschedule`] must place it.
+    #[inline(always)]
+    fn place_sync0(&mut self, now: Time<Device>) -> bool {
+        let (Some(next), Some(local)) = (self.sync.only_sync0(), self.clock.counted(now)) else {
+            return false;
+        };
+        let system = local.wrapping_add(self.offset);
+        let Some((due, passed)) = self.clock.soon(next.wrapping_sub(system) as i64) else {
+            return false;
+        };
+        self.sync.place_sync0(due, system.wrapping_add(passed));
+        true
     }
 
     /// Moves the local time by `step` ns. From `now` on the clock runs at the speed that the drift
     /// loop asks for.
+    #[inline(never)]
     fn adjust(&mut self, now: Time<Device>, step: i64, registers: &mut Registers) {
+        self.run_on(now, step, registers);
+        self.reschedule(now);
+    }
+
+    /// The same without the SYNC unit.
+    #[inline(always)]
+    fn run_on(&mut self, now: Time<Device>, step: i64, registers: &mut Registers) {
         let start = registers.load(register::SPEED_COUNTER_START);
         registers.store(register::SYSTEM_TIME_DIFFERENCE, self.drift.difference(self.polarity));
         registers.store(register::SPEED_COUNTER_DIFFERENCE, self.drift.mean());
         self.clock.adjust(now, start, self.drift.applied(), step);
-        self.reschedule(now);
     }
 
     /// Places the due times of the SYNC unit again after the clock changed or a pulse was given.
+    #[inline(never)]
     fn reschedule(&mut self, now: Time<Device>) {
         let system = self.system(now);
         let clock = &self.clock;
@@ -371,6 +409,7 @@ impl DcUnit {
     }
 
     /// Local time plus offset in 64 bits, whatever the width of the counter.
+    #[inline]
     pub fn system(&self, at: Time<Device>) -> u64 {
         self.clock.local(at).wrapping_add(self.offset)
     }

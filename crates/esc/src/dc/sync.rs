@@ -62,6 +62,8 @@ pub(crate) struct SyncUnit {
     rough: bool,
     /// The earliest due time, kept since it is asked for more often than it changes.
     due: Time<Device>,
+    /// A SYNC0 pulse is planned and nothing else.
+    only_sync0: bool,
 }
 
 /// One of the two signals.
@@ -123,6 +125,7 @@ impl SyncUnit {
             without_edge: [0; 2],
             rough: false,
             due: Time::NEVER,
+            only_sync0: false,
         }
     }
 
@@ -219,9 +222,47 @@ impl SyncUnit {
         self.note_due();
     }
 
+    /// The system time of the next SYNC0 pulse, if that is all that can be due next.
+    #[inline(always)]
+    pub fn only_sync0(&self) -> Option<u64> {
+        self.sync0.next.filter(|_| self.only_sync0)
+    }
+
+    /// Places the next SYNC0 pulse, with the system time at that instant. The caller knows from
+    /// [`Self::only_sync0`] that nothing else is due.
+    #[inline(always)]
+    pub fn place_sync0(&mut self, due: Time<Device>, reached: u64) {
+        (self.sync0.due, self.sync0.reached) = (due, Some(reached));
+        (self.due, self.rough) = (due, false);
+    }
+
+    /// Handles the earliest due time, if it is a SYNC0 pulse as in regular operation: nothing else
+    /// is planned, the pulse makes an edge, and the next one is not near. Otherwise nothing is done.
+    #[inline(always)]
+    pub fn fire_sync0(&mut self, registers: &Registers) -> bool {
+        let (bits, cycle) = (registers.load(register::SYNC_ACTIVATION), sync0_cycle(registers));
+        let (Some(target), Some(system)) = (self.sync0.next, self.sync0.reached) else {
+            return false;
+        };
+        let next = target.wrapping_add(cycle);
+        let now = self.due;
+        let only_sync0 = SyncActivation::SYNC0 | SyncActivation::SYNC1;
+        let is_usual = bits.0 & only_sync0 == SyncActivation::SYNC0 && now >= self.sync0.until;
+        let is_far = (NEAR..FAR).contains(&next.wrapping_sub(system));
+        if self.rough || !(self.only_sync0 && is_usual && is_far && cycle > 0) {
+            return false;
+        }
+        (self.sync0.pending, self.sync0.last, self.sync0.next) = (false, Some(target), Some(next));
+        self.sync0.raise(now, registers.load(register::SYNC_PULSE_LENGTH));
+        self.place_roughly(now, next.wrapping_sub(system));
+        true
+    }
+
     /// Finds the earliest due time.
     #[inline]
     fn note_due(&mut self) {
+        let planned = self.active && self.sync0.next.is_some();
+        self.only_sync0 = planned && self.sync1.next.is_none() && self.debug_at == Time::NEVER;
         self.due = self.sync0.due.min(self.sync1.due).min(self.debug_at);
     }
 
@@ -237,13 +278,19 @@ impl SyncUnit {
         let ahead = next.wrapping_sub(system);
         let is_near = !(NEAR..FAR).contains(&ahead);
         if !is_near {
-            // A tick of 10 ns adds 11 ns at most to the local time.
-            let least = ahead * TICK / (TICK + 1) - 2 * TICK;
-            self.sync0.due = Time::new(now.count() + least);
-            self.rough = true;
+            self.place_roughly(now, ahead);
             self.note_due();
         }
         !is_near
+    }
+
+    /// Places the next SYNC0 pulse, which is `ahead` ns of local time after `now`, roughly.
+    #[inline(always)]
+    fn place_roughly(&mut self, now: Time<Device>, ahead: u64) {
+        // A tick of 10 ns adds 11 ns at most to the local time.
+        let least = ahead * TICK / (TICK + 1) - 2 * TICK;
+        self.sync0.due = Time::new(now.count() + least);
+        (self.due, self.rough) = (self.sync0.due, true);
     }
 
     /// The system time at the due time, if it is known and the due time is that of SYNC0.

@@ -195,6 +195,34 @@ fn the_clock_and_its_inverse_agree_over_changes() {
     }
 }
 
+/// A clock that is counted from later on shows the same, after short and long cycles, and so does
+/// its inverse.
+#[test]
+fn it_does_not_matter_from_where_a_clock_is_counted() {
+    use crate::dc::clock::Clock;
+    for (start, difference) in
+        [(0x1000, 0), (0x1000, 1_650), (0x1000, -3_969), (0x80, 1), (0x3FFF, 7)]
+    {
+        for cycle in [20_000u64, 1_000_000, 10_000_000, 200_000_000, 50_000_000_000] {
+            let mut clock = Clock::new(u64::MAX - 12_345, device(30));
+            clock.adjust(device(1_000), start, difference, -100);
+            let mut later = clock;
+            for now in (1..100).map(|number| number * (cycle + 10 * number)) {
+                later.adjust(device(now), start, difference, 0);
+                for ahead in [0, 5, 40_980, cycle / 3, 1 << 31, 1 << 45] {
+                    let at = device(now + ahead);
+                    assert_eq!(later.local(at), clock.local(at), "{now} + {ahead} ns");
+                    let span = clock.local(at).wrapping_sub(clock.local(device(now)));
+                    let (found, passed) = later.passed(device(now), span as i64);
+                    assert_eq!(found, clock.after(device(now), span as i64));
+                    let shown = clock.local(found).wrapping_sub(clock.local(device(now)));
+                    assert!(passed.is_none_or(|passed| passed == shown));
+                }
+            }
+        }
+    }
+}
+
 /// A received time of 0 is compared like any other. A clock with the same distance from it shows
 /// the same difference and is steered in the same way. Only one law makes an exception.
 #[test]

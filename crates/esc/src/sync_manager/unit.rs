@@ -85,6 +85,11 @@ impl Unit {
         usize::from(self.producer)
     }
 
+    /// Index of the buffer being read, if it has three.
+    pub fn consumer(&self) -> usize {
+        usize::from(self.consumer)
+    }
+
     /// The buffer that `direction` accesses.
     pub fn buffer(&self, direction: Direction) -> usize {
         match direction {

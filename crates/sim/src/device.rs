@@ -1,5 +1,6 @@
 //! A SubDevice: ESC, stack, application and CPU on one oscillator.
 
+mod application;
 mod present;
 mod regular;
 
@@ -11,7 +12,7 @@ use isocat_subdevice::{Application, Description, Event, Misbehaviour, Prepared, 
 use isocat_wire::datagram::Address;
 use isocat_wire::register::al_event;
 use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
-use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
+use isocat_wire::{AlStatusCode, Command};
 
 use crate::cpu::{Action, Cpu, CpuModel};
 use crate::observation::{Content, Observation, Observed};
@@ -21,6 +22,7 @@ use crate::random::Stream;
 use crate::sampling::{Sampler, Sampling};
 use crate::storage::Storage;
 use crate::watcher::Watcher;
+pub use application::BoxedApplication;
 use present::Present;
 use regular::Kept;
 
@@ -91,13 +93,7 @@ impl Device {
             .with_growing_ram(Storage::grow)
             .with_local_time(setup.local_time);
         let store = vec![0; setup.description.store_len()];
-        let application = BoxedApplication {
-            application: setup.application,
-            mapped: false,
-            acted: false,
-            plant: None,
-            sampler: setup.sampling.map(|sampling| Box::new(Sampler::new(sampling))),
-        };
+        let application = BoxedApplication::new(setup.application, setup.sampling);
         let mut description = setup.description;
         // When it acknowledges SYNC is the CPU's.
         description.behaviour.late_acknowledge = true;
@@ -146,31 +142,31 @@ impl Device {
     /// Attaches a plant to it.
     pub(crate) fn attach(&mut self, setup: PlantSetup) {
         self.regular = false;
-        self.application().plant = Some(Box::new(Plant::new(setup)));
+        self.application().take_plant(Some(Plant::new(setup)));
     }
 
     /// Moves its plant to the SubDevice that replaces it.
     pub(crate) fn hand_over_plant(&mut self, to: &mut Self) {
         (self.regular, to.regular) = (false, false);
-        to.application().plant = self.application().plant.take();
+        let plant = self.application().plant().and_then(Option::take);
+        to.application().take_plant(plant);
     }
 
     /// Takes the actions on its plant since the last call, in order; empty without a plant.
     pub(crate) fn take_acted(&mut self) -> impl Iterator<Item = Acted> + '_ {
-        self.application().plant.iter_mut().flat_map(|plant| plant.take_acted())
+        self.application().plant().into_iter().flatten().flat_map(|plant| plant.take_acted())
     }
 
     /// Where its samples lie, if it oversamples.
     pub fn sampling(&self) -> Option<&Sampling> {
-        self.stack.application().sampler.as_deref().map(Sampler::sampling)
+        self.stack.application().sampler().map(Sampler::sampling)
     }
 
     /// Tells its plant the time of the next action.
     #[inline]
     fn tell_time(&mut self, at: Time<DeviceClock>) {
-        if self.stack.application_mut().plant.is_some() {
-            let now = self.oscillator.when(at);
-            self.application().plant.iter_mut().for_each(|plant| plant.tell_time(now));
+        if let Some(Some(plant)) = self.stack.application_mut().plant() {
+            plant.tell_time(self.oscillator.when(at));
         }
     }
 
@@ -452,7 +448,9 @@ impl Device {
             }
             Step::OutputsValid if self.application().take_acted() => {
                 let frame = self.mapped;
-                self.application().plant.iter_mut().for_each(|plant| plant.brought_by(frame));
+                if let Some(Some(plant)) = self.application().plant() {
+                    plant.brought_by(frame);
+                }
                 frame
             }
             Step::LatchInputs => {
@@ -486,8 +484,7 @@ impl Device {
     /// Whether neither a plant nor converters look at its application.
     #[inline]
     fn is_bare(&self) -> bool {
-        let application = self.stack.application();
-        application.plant.is_none() && application.sampler.is_none()
+        self.stack.application().is_bare()
     }
 
     fn application(&mut self) -> &mut BoxedApplication {
@@ -541,7 +538,7 @@ impl Device {
     ) {
         self.report(at, observed, content, watch);
         self.tell_time(at);
-        let samples = self.stack.application().sampler.is_some();
+        let samples = self.stack.application().sampler().is_some();
         if samples {
             self.begin_sampling(at);
         }
@@ -558,14 +555,14 @@ impl Device {
     /// What the converters do at the event that follows, they do at this instant.
     fn begin_sampling(&mut self, at: Time<DeviceClock>) {
         let now = self.oscillator.when(at);
-        if let Some(sampler) = &mut self.application().sampler {
+        if let Some(sampler) = self.application().sampler_mut() {
             sampler.tell_time(now);
             sampler.clear_seen();
         }
     }
 
     fn tell_samples(&self, at: Time<DeviceClock>, watch: &mut Watcher) {
-        let sampler = self.stack.application().sampler.as_deref();
+        let sampler = self.stack.application().sampler();
         for sample in sampler.map(Sampler::seen).unwrap_or_default() {
             self.report(at, Observed::Sampled(*sample), Content::default(), watch);
         }
@@ -645,81 +642,5 @@ impl Pdi for Nowhere {
     }
     fn write(&mut self, address: u16, _: &[u8]) {
         unreachable!("a step that accesses nothing writes {address:#06x}");
-    }
-}
-
-/// An application behind a pointer, since the devices of a segment have different ones. It notes
-/// when outputs were mapped and acted, which only the stack decides, and passes them to the plant
-/// that they move.
-pub struct BoxedApplication {
-    application: Box<dyn Application + Send>,
-    /// Whether outputs were mapped since the last check.
-    mapped: bool,
-    /// Whether its outputs acted since the last check.
-    acted: bool,
-    /// The plant that its outputs move.
-    plant: Option<Box<Plant>>,
-    /// The converters of a device that oversamples.
-    sampler: Option<Box<Sampler>>,
-}
-
-impl BoxedApplication {
-    fn take_mapped(&mut self) -> bool {
-        std::mem::take(&mut self.mapped)
-    }
-
-    fn take_acted(&mut self) -> bool {
-        std::mem::take(&mut self.acted)
-    }
-}
-
-impl Application for BoxedApplication {
-    fn power_off(&mut self) {
-        self.plant.iter_mut().for_each(|plant| plant.release());
-        self.sampler.iter_mut().for_each(|sampler| sampler.power_off());
-        self.application.power_off();
-    }
-    fn event(&mut self, event: Event) {
-        self.sampler.iter_mut().for_each(|sampler| sampler.event(event));
-        self.application.event(event);
-    }
-    fn map_outputs(&mut self, outputs: &[u8]) {
-        self.mapped = true;
-        self.plant.iter_mut().for_each(|plant| plant.map(outputs));
-        self.sampler.iter_mut().for_each(|sampler| sampler.map(outputs));
-        self.application.map_outputs(outputs);
-    }
-    fn application(&mut self, cycle: isocat_wire::Nanos) {
-        self.application.application(cycle);
-    }
-    fn outputs_valid(&mut self) {
-        self.acted = true;
-        self.plant.iter_mut().for_each(|plant| plant.act());
-        self.application.outputs_valid();
-    }
-    fn latch_inputs(&mut self) {
-        self.plant.iter_mut().for_each(|plant| plant.latch());
-        self.sampler.iter_mut().for_each(|sampler| sampler.latch());
-        self.application.latch_inputs();
-    }
-    fn map_inputs(&mut self, inputs: &mut [u8]) {
-        self.sampler.iter().for_each(|sampler| sampler.show(inputs));
-        self.application.map_inputs(inputs);
-        self.plant.iter().for_each(|plant| plant.show(inputs));
-    }
-    fn safe_outputs(&mut self) {
-        self.plant.iter_mut().for_each(|plant| plant.release());
-        self.sampler.iter_mut().for_each(|sampler| sampler.release());
-        self.application.safe_outputs();
-    }
-    fn read_object(
-        &mut self,
-        object: ObjectAddress,
-        value: &mut [u8],
-    ) -> Option<Result<usize, AbortCode>> {
-        self.application.read_object(object, value)
-    }
-    fn write_object(&mut self, object: ObjectAddress, value: &[u8]) -> Result<(), AbortCode> {
-        self.application.write_object(object, value)
     }
 }

@@ -294,7 +294,7 @@ impl Device {
     /// Processes all events up to and including `limit`.
     #[inline]
     pub fn advance(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) {
-        if self.quiet_until <= limit {
+        if self.quiet_until <= limit && !self.regular(limit, watch) {
             self.live(limit, watch);
         }
     }
@@ -345,10 +345,9 @@ impl Device {
         self.quiet_until = Time::ZERO;
     }
 
+    /// The same in the long way, after [`Self::regular`] could not go on.
+    #[inline(never)]
     fn live(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) {
-        if self.regular(limit, watch) {
-            return;
-        }
         self.regular = false;
         // Whatever comes now, it stands behind what was started before.
         self.put_present();
@@ -543,9 +542,9 @@ impl Device {
             self.begin_sampling(at);
         }
         let pdi = &mut self.esc.pdi(at);
-        let started = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
+        let steps = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
         let pulse = self.stack.take_unacknowledged().then_some(event);
-        self.cpu.start(at, started.steps, pulse);
+        self.cpu.start(at, steps, pulse);
         if samples {
             self.tell_samples(at, watch);
         }
@@ -601,7 +600,7 @@ impl Device {
     }
 
     /// Finds changes of the stack, and reports them.
-    #[inline]
+    #[inline(never)]
     fn look(&mut self, at: Time<DeviceClock>, watch: &mut Watcher) {
         self.note_timeout();
         let missed = self.stack.sync().missed_events_total();

@@ -497,10 +497,11 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// The local CPU works at `now` without an access: this has the side effect of
-    /// [`pdi`](Self::pdi) only.
+    /// [`pdi`](Self::pdi) only. The frame in flight must not have ended by then.
     #[inline]
     pub fn note_pdi(&mut self, now: Time<Device>) {
-        self.pdi(now);
+        debug_assert!(now < self.flight.end, "the frame ends first");
+        EscPdi::new(self, now);
     }
 
     /// Opens the local CPU's access to the ESC at `now`.

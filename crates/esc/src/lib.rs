@@ -69,7 +69,7 @@ pub use cyclic::CyclicFrame;
 pub use dc::drift_law::{DriftLaw, UnknownDriftLaw};
 pub use dc::latch::LatchInput;
 pub use esc::{Esc, EscEvent, PortError};
-pub use pdi::{EscPdi, Pdi, PdiExt};
+pub use pdi::{Buffers, EscPdi, Pdi, PdiExt};
 pub use process::{Passing, Processed};
 pub use reach::Reach;
 pub use regular::Usual;

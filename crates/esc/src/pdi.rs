@@ -311,7 +311,33 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
     }
 }
 
+/// The PDI for whole buffers of process data in regular operation; see [`Esc::buffers`]. It has the
+/// effects of [`EscPdi`], and the access to a buffer is part of the caller.
+pub struct Buffers<'a, M> {
+    pub(crate) esc: &'a mut Esc<M>,
+    pub(crate) now: Time<Device>,
+}
+
+impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for Buffers<'_, M> {
+    #[inline(always)]
+    fn read(&mut self, address: u16, data: &mut [u8]) {
+        if !self.esc.read_regular_outputs(address, data) {
+            EscPdi::without_watchdog(self.esc, self.now).read_any(address, data);
+        }
+    }
+
+    #[inline(always)]
+    fn write(&mut self, address: u16, data: &[u8]) {
+        match self.esc.write_regular_inputs(address, data) {
+            Some(false) => {}
+            Some(true) => self.esc.trigger_watchdog(self.now),
+            None => EscPdi::without_watchdog(self.esc, self.now).write_any(address, data),
+        }
+    }
+}
+
 impl<M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'_, M> {
+    #[inline(never)]
     fn read_any(&mut self, address: u16, data: &mut [u8]) {
         data.fill(0);
         let (registers, ram) = split(address, data.len());
@@ -347,6 +373,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'_, M> {
         self.esc.note_rest();
     }
 
+    #[inline(never)]
     fn write_any(&mut self, address: u16, data: &[u8]) {
         let (registers, ram) = split(address, data.len());
         if registers > 0 {

@@ -16,7 +16,7 @@ use isocat_wire::{Command, Time};
 use crate::cyclic::Lane;
 use crate::esc::{ECAT_AL_STATUS, Esc, EscEvent, Flight};
 use crate::fmmu::Single;
-use crate::pdi::EscPdi;
+use crate::pdi::{Buffers, EscPdi};
 use crate::sync_manager::{Direction, Simple};
 
 /// Process data with a usual setup: one FMMU and one SyncManager for each direction, of equal
@@ -287,7 +287,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// Handles a PDI read of all outputs. `false`: nothing was done.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn read_regular_outputs(&mut self, address: u16, data: &mut [u8]) -> bool {
         let Known::Usual(Areas { outputs: Some(area), .. }) = self.areas else { return false };
         if !area.is(address, data.len()) {
@@ -306,7 +306,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// Handles a PDI write of all inputs. Returns whether that triggers the watchdog; `None`:
     /// nothing was done.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn write_regular_inputs(&mut self, address: u16, data: &[u8]) -> Option<bool> {
         let Known::Usual(Areas { inputs: Some(area), .. }) = self.areas else { return None };
         if !area.is(address, data.len()) {
@@ -348,6 +348,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     #[inline]
     pub fn pdi_in_lane(&mut self, now: Time<Device>) -> EscPdi<'_, M> {
         EscPdi::without_watchdog(self, now)
+    }
+
+    /// The same for a caller that reads and writes only whole buffers of process data.
+    #[inline]
+    pub fn buffers(&mut self, now: Time<Device>) -> Buffers<'_, M> {
+        Buffers { esc: self, now }
     }
 
     /// Ends a frame that brought only process data and the system time; returns the bits of the AL

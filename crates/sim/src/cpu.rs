@@ -147,9 +147,11 @@ impl Plan {
 
     /// Becomes the plan of a sequence.
     pub fn take_sequence(&mut self, sequence: &Sequence) {
-        self.len = sequence.len as u8;
-        for (part, (step, after, until)) in self.parts.iter_mut().zip(sequence.steps()) {
-            *part = Part { after, until, what: What::Step(step) };
+        self.len = 0;
+        for (part, span) in self.parts.iter_mut().zip(sequence.spans()) {
+            let Some(step) = span.step else { break };
+            *part = Part { after: span.after(), until: span.until(), what: What::Step(step) };
+            self.len += 1;
         }
     }
 
@@ -163,30 +165,52 @@ impl Plan {
 /// A plan of which each step ends before the next one begins.
 #[derive(Clone, Copy, Debug)]
 pub struct Sequence {
-    steps: [Step; MAX_STEPS],
-    after: [u32; MAX_STEPS],
-    until: [u32; MAX_STEPS],
-    len: u32,
+    /// The steps in order; the rest has none.
+    spans: [Span; MAX_STEPS + 1],
     end: u32,
+}
+
+/// A step with the times from the event to its beginning and its end, ns.
+#[derive(Clone, Copy, Debug)]
+pub struct Span {
+    /// The step; `None` behind the last one.
+    pub step: Option<Step>,
+    /// Its place in the sequence.
+    pub number: u8,
+    after: u32,
+    until: u32,
+}
+
+impl Span {
+    /// Time from the event to its beginning.
+    #[inline]
+    pub fn after(&self) -> Nanos {
+        Nanos(self.after.into())
+    }
+
+    /// Time from the event to its end.
+    #[inline]
+    pub fn until(&self) -> Nanos {
+        Nanos(self.until.into())
+    }
 }
 
 impl Sequence {
     /// The plan as a sequence; `None` if it is none, or takes longer than 4 s.
     pub fn of(plan: &Plan) -> Option<Self> {
-        let none = [0; MAX_STEPS];
-        let steps = [Step::MapOutputs; MAX_STEPS];
-        let mut sequence = Self { steps, after: none, until: none, len: 0, end: 0 };
+        let none = Span { step: None, number: 0, after: 0, until: 0 };
+        let mut sequence = Self { spans: [none; MAX_STEPS + 1], end: 0 };
         for number in 0..plan.len.into() {
             let Part { after, until, what: What::Step(step) } = plan.part(number)? else {
                 return None;
             };
-            *sequence.steps.get_mut(number)? = step;
-            sequence.after[number] = u32::try_from(after.0).ok()?;
-            sequence.until[number] = u32::try_from(until.0).ok()?;
-            sequence.len += 1;
-            sequence.end = sequence.end.max(sequence.until[number]);
+            let (after, until) = (u32::try_from(after.0).ok()?, u32::try_from(until.0).ok()?);
+            let span = Span { step: Some(step), number: number as u8, after, until };
+            *sequence.spans.get_mut(number)? = span;
+            sequence.end = sequence.end.max(until);
         }
-        Some(sequence)
+        // The last one remains free.
+        sequence.spans[MAX_STEPS].step.is_none().then_some(sequence)
     }
 
     /// Time from the event to the end of the last step.
@@ -195,12 +219,10 @@ impl Sequence {
         Nanos(self.end.into())
     }
 
-    /// The steps with the times from the event to their beginning and end.
+    /// The steps in order, up to the first one that is none.
     #[inline]
-    pub fn steps(&self) -> impl Iterator<Item = (Step, Nanos, Nanos)> + '_ {
-        let times = self.after.iter().zip(&self.until);
-        let steps = self.steps.iter().zip(times).take(self.len as usize);
-        steps.map(|(step, (after, until))| (*step, Nanos((*after).into()), Nanos((*until).into())))
+    pub fn spans(&self) -> &[Span] {
+        &self.spans
     }
 }
 

@@ -1,5 +1,6 @@
 //! A SubDevice: ESC, stack, application and CPU on one oscillator.
 
+mod application;
 mod present;
 mod regular;
 
@@ -11,7 +12,7 @@ use isocat_subdevice::{Application, Description, Event, Misbehaviour, Prepared, 
 use isocat_wire::datagram::Address;
 use isocat_wire::register::al_event;
 use isocat_wire::time::{Dc, Device as DeviceClock, Local, Time, True};
-use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
+use isocat_wire::{AlStatusCode, Command};
 
 use crate::cpu::{Action, Cpu, CpuModel};
 use crate::judge::SystemTime;
@@ -22,6 +23,7 @@ use crate::random::Stream;
 use crate::sampling::{Sampler, Sampling};
 use crate::storage::Storage;
 use crate::watcher::Watcher;
+pub use application::BoxedApplication;
 use present::Present;
 use regular::Kept;
 
@@ -94,15 +96,7 @@ impl Device {
             .with_growing_ram(Storage::grow)
             .with_local_time(setup.local_time);
         let store = vec![0; setup.description.store_len()];
-        let application = BoxedApplication {
-            application: setup.application,
-            mapped: false,
-            acted: false,
-            beside: setup.sampling.map(|sampling| {
-                let sampler = Some(Sampler::new(sampling));
-                Box::new(Beside { plant: None, sampler })
-            }),
-        };
+        let application = BoxedApplication::new(setup.application, setup.sampling);
         let mut description = setup.description;
         // When it acknowledges SYNC is the CPU's.
         description.behaviour.late_acknowledge = true;
@@ -329,7 +323,7 @@ impl Device {
     /// Processes all events up to and including `limit`.
     #[inline]
     pub fn advance(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) {
-        if self.quiet_until <= limit {
+        if self.quiet_until <= limit && !self.regular(limit, watch) {
             self.live(limit, watch);
         }
     }
@@ -384,10 +378,9 @@ impl Device {
         self.quiet_until = Time::ZERO;
     }
 
+    /// The same in the long way, after [`Self::regular`] could not go on.
+    #[inline(never)]
     fn live(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) {
-        if self.regular(limit, watch) {
-            return;
-        }
         self.regular = false;
         // Whatever comes now, it stands behind what was started before.
         self.put_present();
@@ -523,7 +516,7 @@ impl Device {
     /// Whether neither a plant nor converters look at its application.
     #[inline]
     fn is_bare(&self) -> bool {
-        self.stack.application().beside.is_none()
+        self.stack.application().is_bare()
     }
 
     fn application(&mut self) -> &mut BoxedApplication {
@@ -582,9 +575,9 @@ impl Device {
             self.begin_sampling(at);
         }
         let pdi = &mut self.esc.pdi(at);
-        let started = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
+        let steps = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
         let pulse = self.stack.take_unacknowledged().then_some(event);
-        self.cpu.start(at, started.steps, pulse);
+        self.cpu.start(at, steps, pulse);
         if samples {
             self.tell_samples(at, watch);
         }
@@ -594,7 +587,7 @@ impl Device {
     /// What the converters do at the event that follows, they do at this instant.
     fn begin_sampling(&mut self, at: Time<DeviceClock>) {
         let now = self.oscillator.when(at);
-        if let Some(Beside { sampler: Some(sampler), .. }) = self.application().beside.as_deref_mut() {
+        if let Some(sampler) = self.application().sampler_mut() {
             sampler.tell_time(now);
             sampler.clear_seen();
         }
@@ -640,7 +633,7 @@ impl Device {
     }
 
     /// Finds changes of the stack, and reports them.
-    #[inline]
+    #[inline(never)]
     fn look(&mut self, at: Time<DeviceClock>, watch: &mut Watcher) {
         self.note_timeout();
         let missed = self.stack.sync().missed_events_total();
@@ -707,124 +700,5 @@ impl Pdi for Nowhere {
     }
     fn write(&mut self, address: u16, _: &[u8]) {
         unreachable!("a step that accesses nothing writes {address:#06x}");
-    }
-}
-
-/// An application behind a pointer, since the devices of a segment have different ones. It notes
-/// when outputs were mapped and acted, which only the stack decides, and passes them to the plant
-/// that they move.
-pub struct BoxedApplication {
-    application: Box<dyn Application + Send>,
-    /// Whether outputs were mapped since the last check.
-    mapped: bool,
-    /// Whether its outputs acted since the last check.
-    acted: bool,
-    /// What else looks at its process data; few devices have it.
-    beside: Option<Box<Beside>>,
-}
-
-/// What looks at the process data of a device beside its application.
-struct Beside {
-    /// The plant that its outputs move.
-    plant: Option<Plant>,
-    /// The converters of a device that oversamples.
-    sampler: Option<Sampler>,
-}
-
-impl BoxedApplication {
-    fn take_mapped(&mut self) -> bool {
-        std::mem::take(&mut self.mapped)
-    }
-
-    fn take_acted(&mut self) -> bool {
-        std::mem::take(&mut self.acted)
-    }
-
-    /// Where its plant is; `None` if nothing is beside it.
-    fn plant(&mut self) -> Option<&mut Option<Plant>> {
-        self.beside.as_deref_mut().map(|beside| &mut beside.plant)
-    }
-
-    fn take_plant(&mut self, plant: Option<Plant>) {
-        if plant.is_some() || self.beside.is_some() {
-            let nothing = || Box::new(Beside { plant: None, sampler: None });
-            self.beside.get_or_insert_with(nothing).plant = plant;
-        }
-    }
-
-    fn sampler(&self) -> Option<&Sampler> {
-        self.beside.as_deref()?.sampler.as_ref()
-    }
-}
-
-impl Application for BoxedApplication {
-    fn power_off(&mut self) {
-        if let Some(Beside { plant, sampler }) = self.beside.as_deref_mut() {
-            plant.iter_mut().for_each(|plant| plant.release());
-            sampler.iter_mut().for_each(|sampler| sampler.power_off());
-        }
-        self.application.power_off();
-    }
-    #[inline]
-    fn event(&mut self, event: Event) {
-        if let Some(Beside { sampler: Some(sampler), .. }) = self.beside.as_deref_mut() {
-            sampler.event(event);
-        }
-        self.application.event(event);
-    }
-    #[inline]
-    fn map_outputs(&mut self, outputs: &[u8]) {
-        self.mapped = true;
-        if let Some(Beside { plant, sampler }) = self.beside.as_deref_mut() {
-            plant.iter_mut().for_each(|plant| plant.map(outputs));
-            sampler.iter_mut().for_each(|sampler| sampler.map(outputs));
-        }
-        self.application.map_outputs(outputs);
-    }
-    #[inline]
-    fn application(&mut self, cycle: isocat_wire::Nanos) {
-        self.application.application(cycle);
-    }
-    #[inline]
-    fn outputs_valid(&mut self) {
-        self.acted = true;
-        if let Some(Beside { plant: Some(plant), .. }) = self.beside.as_deref_mut() {
-            plant.act();
-        }
-        self.application.outputs_valid();
-    }
-    #[inline]
-    fn latch_inputs(&mut self) {
-        if let Some(Beside { plant, sampler }) = self.beside.as_deref_mut() {
-            plant.iter_mut().for_each(|plant| plant.latch());
-            sampler.iter_mut().for_each(|sampler| sampler.latch());
-        }
-        self.application.latch_inputs();
-    }
-    #[inline]
-    fn map_inputs(&mut self, inputs: &mut [u8]) {
-        let Some(Beside { plant, sampler }) = self.beside.as_deref() else {
-            return self.application.map_inputs(inputs);
-        };
-        sampler.iter().for_each(|sampler| sampler.show(inputs));
-        self.application.map_inputs(inputs);
-        plant.iter().for_each(|plant| plant.show(inputs));
-    }
-    fn safe_outputs(&mut self) {
-        if let Some(Beside { plant, sampler }) = self.beside.as_deref_mut() {
-            plant.iter_mut().for_each(|plant| plant.release());
-            sampler.iter_mut().for_each(|sampler| sampler.release());
-        }
-        self.application.safe_outputs();
-    }
-    fn read_object(
-        &mut self,
-        object: ObjectAddress,
-        value: &mut [u8],
-    ) -> Option<Result<usize, AbortCode>> {
-        self.application.read_object(object, value)
-    }
-    fn write_object(&mut self, object: ObjectAddress, value: &[u8]) -> Result<(), AbortCode> {
-        self.application.write_object(object, value)
     }
 }

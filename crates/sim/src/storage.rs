@@ -31,18 +31,27 @@ impl Storage {
         own.resize(len.max(own.len()), 0);
     }
 
+    #[inline(always)]
     fn own(&mut self) -> &mut Vec<u8> {
-        if let Kind::Shared(image) = &self.0 {
-            self.0 = Kind::Own(image.to_vec());
+        if let Kind::Shared(_) = &self.0 {
+            self.copy();
         }
         match &mut self.0 {
             Kind::Own(bytes) => bytes,
             Kind::Shared(_) => unreachable!("it was just made our own"),
         }
     }
+
+    #[cold]
+    fn copy(&mut self) {
+        if let Kind::Shared(image) = &self.0 {
+            self.0 = Kind::Own(image.to_vec());
+        }
+    }
 }
 
 impl AsRef<[u8]> for Storage {
+    #[inline]
     fn as_ref(&self) -> &[u8] {
         match &self.0 {
             Kind::Own(bytes) => bytes,
@@ -52,6 +61,7 @@ impl AsRef<[u8]> for Storage {
 }
 
 impl AsMut<[u8]> for Storage {
+    #[inline(always)]
     fn as_mut(&mut self) -> &mut [u8] {
         self.own()
     }

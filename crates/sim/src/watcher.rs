@@ -1,6 +1,6 @@
 //! Collects the events of SubDevices that the observer of a segment needs.
 
-use isocat_subdevice::Step;
+use isocat_subdevice::{Event, Step};
 
 use crate::observation::{Observation, Observed};
 
@@ -49,9 +49,27 @@ impl Watcher {
     /// Keeps an event if it is needed.
     #[inline(always)]
     pub(crate) fn see(&mut self, observation: Observation) {
-        if self.keeps & kind(observation.event) != 0 {
+        if self.keeps(observation.event) {
             self.seen.push(observation);
         }
+    }
+
+    /// Whether events of this kind are kept.
+    #[inline(always)]
+    pub(crate) const fn keeps(&self, event: Observed) -> bool {
+        self.keeps & kind(event) != 0
+    }
+
+    /// Whether the beginning or the end of any step is kept.
+    #[inline(always)]
+    pub(crate) const fn keeps_steps(&self) -> bool {
+        self.keeps & (kind(Observed::Acknowledged(Event::Sync0)) - 1) != 0
+    }
+
+    /// Whether the beginning of this step is kept, or its end.
+    #[inline(always)]
+    pub(crate) const fn keeps_step(&self, step: Step) -> bool {
+        self.keeps & (kind(Observed::Began(step)) | kind(Observed::Finished(step))) != 0
     }
 
     /// The events that were kept and not taken yet, in order.
@@ -101,7 +119,6 @@ const TIMED: u16 =
 
 #[cfg(test)]
 mod tests {
-    use isocat_subdevice::Event;
     use isocat_wire::Time;
 
     use super::*;

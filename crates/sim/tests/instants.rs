@@ -24,8 +24,9 @@ fn a_frame_may_end_when_a_step_does() {
             let seen: Vec<_> = watcher.take().collect();
             let device = &line.segment.devices()[0];
             let (esc, sync) = (&device.esc, device.stack.sync());
-            let counters = (sync.missed_events_total(), sync.sm_event_missed());
-            (bytes, seen, esc.label(2), esc.label(3), device.stack.state(), counters)
+            // The engine as a whole, with all that is not visible from outside.
+            let stack = (device.stack.state(), device.stack.next_timeout(), format!("{sync:?}"));
+            (bytes, seen, esc.label(2), esc.label(3), esc.ram().to_vec(), stack)
         });
         assert_eq!(one, other, "{number} ticks earlier");
     }

@@ -114,6 +114,19 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
         Images { outputs, inputs }
     }
 
+    /// One of the images only.
+    #[inline]
+    pub fn outputs_mut(&mut self) -> &mut [u8] {
+        &mut self.store.as_mut()[self.images..self.images + self.outputs]
+    }
+
+    /// The other one.
+    #[inline]
+    pub fn inputs_mut(&mut self) -> &mut [u8] {
+        let from = self.images + self.outputs;
+        &mut self.store.as_mut()[from..from + self.inputs]
+    }
+
     /// The image of the outputs.
     pub fn output_image(&self) -> &[u8] {
         &self.store.as_ref()[self.images..][..self.outputs]

@@ -58,7 +58,7 @@ pub use isocat_sync::{Chain, Event, Step, SyncMode};
 pub use mailbox::{MAX_MAILBOX, MIN_MAILBOX};
 pub use misbehaviour::{BadAnswer, Misbehaviour, Misbehaviours};
 pub use objects::MAX_TRANSFER;
-pub use prepared::{Place, Prepared, Started};
+pub use prepared::{Place, Prepared};
 pub use process_data::{MAX_AREAS, MAX_PROCESS_DATA};
 pub use stack::SubDevice;
 pub use steps::{MAX_STEPS, Steps};

@@ -54,7 +54,7 @@ impl Measurement {
     }
 
     /// Takes an event of outputs; `begins_cycle`: whether it also begins the cycle.
-    #[inline]
+    #[inline(always)]
     pub fn sm_event(&mut self, now: Time<Device>, begins_cycle: bool) {
         if let Some(last) = self.last_sm_event.replace(now) {
             widen(&mut self.cycle_distance, now - last);
@@ -173,7 +173,16 @@ impl Measurement {
     }
 }
 
+#[inline]
 fn widen(range: &mut Option<(Nanos, Nanos)>, value: Nanos) {
+    // As a rule the value lies within.
+    if range.is_none_or(|(least, most)| value < least || value > most) {
+        widen_more(range, value);
+    }
+}
+
+#[cold]
+fn widen_more(range: &mut Option<(Nanos, Nanos)>, value: Nanos) {
     let (least, most) = range.unwrap_or((value, value));
     *range = Some((least.min(value), most.max(value)));
 }

@@ -53,11 +53,17 @@ impl MissedCounter {
             }
         };
         if updated {
-            self.count = self.count.saturating_sub(1);
+            self.in_time();
         }
         if missed && self.count <= limit {
             self.count = self.count.saturating_add(PENALTY);
         }
+    }
+
+    /// Takes a pulse at which outputs are ready, with the rule that counts each one.
+    #[inline]
+    pub fn in_time(&mut self) {
+        self.count = self.count.saturating_sub(1);
     }
 
     /// Called when the inputs of a device without outputs were read: the count starts again.

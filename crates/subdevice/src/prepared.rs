@@ -19,86 +19,91 @@ pub(crate) struct Begins {
     pub too_short: bool,
 }
 
-/// The event, and whether it is the last SYNC0 before SYNC1, whether outputs wait for it, and
-/// whether the device is in OP. The steps depend on all of them.
-pub(crate) type Occasion = (Event, bool, bool, bool);
+impl Begins {
+    const NONE: Self = Self { steps: Steps::EMPTY, wants: 0, starts: 0, too_short: false };
+}
+
+/// All that the steps of an event depend on, within one version of the settings.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Occasion {
+    pub event: Event,
+    /// It is the last SYNC0 before SYNC1.
+    pub last_sync0: bool,
+    /// Outputs wait for the event.
+    pub new_outputs: bool,
+    /// The device is in OP.
+    pub op: bool,
+}
 
 /// The steps that were last started, by event: see
 /// [`SubDevice::handle_event_prepared`](crate::SubDevice::handle_event_prepared). With each the
 /// caller may keep something that it has made of them.
 #[derive(Clone, Debug)]
 pub struct Prepared<T> {
-    version: u32,
-    kept: [Option<Kept<T>>; EVENTS],
+    kept: [Kept<T>; EVENTS],
     once: Steps,
 }
 
 #[derive(Clone, Debug)]
 struct Kept<T> {
-    occasion: Occasion,
+    /// See [`Occasion::number`].
+    occasion: u8,
+    version: u32,
     begins: Begins,
     made: Option<T>,
 }
 
-/// The steps that an event starts, in their prepared form.
-#[derive(Debug)]
-pub struct Started<'p, T> {
-    /// The steps.
-    pub steps: &'p Steps,
-    /// What the caller has made of them and kept here; `None` if the steps are new. The place is
-    /// missing where steps are not kept.
-    pub made: Option<&'p mut Option<T>>,
-    /// Where it is kept: see [`Prepared::made`].
-    pub place: Place,
+impl<T> Kept<T> {
+    const NONE: Self = Self { occasion: NOTHING, version: 0, begins: Begins::NONE, made: None };
 }
 
 /// A place of [`Prepared`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Place(u8);
 
-impl<T> Started<'_, T> {
-    /// No steps.
-    pub(crate) const NOTHING: Self = Self { steps: &Steps::EMPTY, made: None, place: Place(0) };
-}
-
 impl<T> Prepared<T> {
     /// Nothing is kept yet.
     pub const fn new() -> Self {
-        Self { version: 0, kept: [const { None }; EVENTS], once: Steps::EMPTY }
+        Self { kept: [const { Kept::NONE }; EVENTS], once: Steps::EMPTY }
     }
 
-    /// The steps for an occasion. They are computed now if they are not kept or have another
-    /// version.
+    /// The steps for an occasion, and their place. They are computed now if they are not kept or
+    /// have another version.
     #[inline(always)]
     pub(crate) fn of(
         &mut self,
         occasion: Occasion,
         version: u32,
         find: impl FnOnce() -> Begins,
-    ) -> (&Begins, &mut Option<T>, Place) {
-        if self.version != version {
-            self.version = version;
-            self.kept = [const { None }; EVENTS];
-        }
-        let place = place(occasion);
+    ) -> (&Begins, Place) {
+        let (occasion, place) = (occasion.number(), occasion.place());
         let kept = &mut self.kept[usize::from(place.0)];
-        if kept.as_ref().is_none_or(|kept| kept.occasion != occasion) {
-            *kept = None;
+        if kept.version != version || kept.occasion != occasion {
+            *kept = Kept { occasion, version, begins: find(), made: None };
         }
-        let kept = kept.get_or_insert_with(|| Kept { occasion, begins: find(), made: None });
-        (&kept.begins, &mut kept.made, place)
+        (&kept.begins, place)
     }
 
-    /// What the caller has made of the steps that are kept at this place.
+    /// The steps that are kept at this place.
+    pub fn steps(&self, place: Place) -> &Steps {
+        &self.kept[usize::from(place.0)].begins.steps
+    }
+
+    /// What the caller has made of the steps that are kept at this place; `None` if they are new.
     #[inline]
     pub fn made(&self, place: Place) -> Option<&T> {
-        self.kept.get(usize::from(place.0))?.as_ref()?.made.as_ref()
+        self.kept[usize::from(place.0)].made.as_ref()
+    }
+
+    /// Keeps something that was made of these steps.
+    pub fn keep_made(&mut self, place: Place, made: T) {
+        self.kept[usize::from(place.0)].made = Some(made);
     }
 
     /// Keeps steps for this event only.
-    pub(crate) fn keep(&mut self, steps: Steps) -> Started<'_, T> {
+    pub(crate) fn keep(&mut self, steps: Steps) -> &Steps {
         self.once = steps;
-        Started { steps: &self.once, made: None, place: Place(0) }
+        &self.once
     }
 }
 
@@ -108,14 +113,27 @@ impl<T> Default for Prepared<T> {
     }
 }
 
-/// The place of an occasion: a mode has steps for at most one event other than SYNC.
-const fn place((event, last_sync0, _, _): Occasion) -> Place {
-    Place(match event {
-        Event::Sm2 | Event::Sm3 | Event::Timer => 0,
-        Event::Sync0 if last_sync0 => 3,
-        Event::Sync0 => 1,
-        Event::Sync1 => 2,
-    })
+impl Occasion {
+    /// A number that no other occasion has; it is not [`NOTHING`].
+    #[inline(always)]
+    const fn number(self) -> u8 {
+        let Self { event, last_sync0, new_outputs, op } = self;
+        let flags = (last_sync0 as u8) << 1 | (new_outputs as u8) << 2 | (op as u8) << 3;
+        1 | flags | (event as u8) << 4
+    }
+
+    /// A mode has steps for at most one event other than SYNC.
+    #[inline(always)]
+    const fn place(self) -> Place {
+        Place(match self.event {
+            Event::Sm2 | Event::Sm3 | Event::Timer => 0,
+            Event::Sync0 if self.last_sync0 => 3,
+            Event::Sync0 => 1,
+            Event::Sync1 => 2,
+        })
+    }
 }
 
 const EVENTS: usize = 4;
+/// The occasion of a place at which no steps are kept.
+const NOTHING: u8 = 0;

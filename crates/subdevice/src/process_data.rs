@@ -127,13 +127,19 @@ impl ProcessData {
         *self = Self::new();
     }
 
-    /// Reads the outputs. One access to a whole buffer opens and closes it.
+    /// Reads the outputs, and returns them. One access to a whole buffer opens and closes it.
     #[inline]
-    pub fn fetch_outputs(&self, image: &mut [u8], pdi: &mut impl Pdi) {
-        if let Some(start) = self.outputs.single() {
-            let length = self.outputs.length().min(image.len());
-            return pdi.read(start, &mut image[..length]);
+    pub fn fetch_outputs<'a>(&self, image: &'a mut [u8], pdi: &mut impl Pdi) -> &'a [u8] {
+        let length = self.outputs.length().min(image.len());
+        match self.outputs.single() {
+            Some(start) => pdi.read(start, &mut image[..length]),
+            None => self.fetch_parts(image, pdi),
         }
+        &image[..length]
+    }
+
+    #[inline(never)]
+    fn fetch_parts(&self, image: &mut [u8], pdi: &mut impl Pdi) {
         for (start, bytes) in self.outputs.places(image.len()) {
             pdi.read(start, &mut image[bytes]);
         }
@@ -151,15 +157,19 @@ impl ProcessData {
         }
     }
 
-    /// Writes the inputs. One access to a whole buffer opens and closes it.
+    /// Writes the [inputs](Self::inputs). One access to a whole buffer opens and closes it.
     #[inline]
-    pub fn store_inputs(&self, image: &[u8], pdi: &mut impl Pdi) {
-        if let Some(start) = self.inputs.single() {
-            let length = self.inputs.length().min(image.len());
-            return pdi.write(start, &image[..length]);
+    pub fn store_inputs(&self, inputs: &[u8], pdi: &mut impl Pdi) {
+        match self.inputs.single() {
+            Some(start) => pdi.write(start, inputs),
+            None => self.store_parts(inputs, pdi),
         }
-        for (start, bytes) in self.inputs.places(image.len()) {
-            pdi.write(start, &image[bytes]);
+    }
+
+    #[inline(never)]
+    fn store_parts(&self, inputs: &[u8], pdi: &mut impl Pdi) {
+        for (start, bytes) in self.inputs.places(inputs.len()) {
+            pdi.write(start, &inputs[bytes]);
         }
     }
 

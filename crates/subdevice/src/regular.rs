@@ -6,56 +6,66 @@ use isocat_sync::{Event, Step};
 use isocat_wire::time::{Device, Time};
 
 use crate::application::Application;
-use crate::prepared::{Prepared, Started};
+use crate::prepared::{Place, Prepared};
 use crate::stack::SubDevice;
+use crate::sync_engine::Prompt;
 
 impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
-    /// As [`handle_event_prepared`](Self::handle_event_prepared), if the device is
+    /// As [`handle_event_in_place`](Self::handle_event_in_place), if the device is
     /// [regular](Self::is_regular) and its [`sync_deadline`](Self::sync_deadline) is to come.
     #[inline(always)]
-    pub fn handle_regular_event<'p, T>(
+    pub fn handle_regular_event<T>(
         &mut self,
         now: Time<Device>,
         event: Event,
         pdi: &mut impl Pdi,
-        prepared: &'p mut Prepared<T>,
-    ) -> Started<'p, T> {
+        prepared: &mut Prepared<T>,
+    ) -> Option<Place> {
         self.application.event(event);
+        if event == Event::Sm3 && self.sync.has_outputs() {
+            // It takes the place of SM2 only where that never comes.
+            return None;
+        }
         let looks = self.sync.looks_for_outputs(event) && self.sync.has_outputs();
         let new_outputs = looks && pdi.events() & self.output_event() != 0;
-        let started = self.sync.react_prepared(now, event, (new_outputs, true), prepared);
-        let Some(started) = started else {
-            self.process_data.drop_outputs(pdi);
-            return Started::NOTHING;
-        };
-        // The pulse itself may have shown that too many events are missing.
-        if self.sync.sequence_lost() && !self.stays(now, event, true, pdi) {
-            return Started::NOTHING;
+        let before = self.sync.missed_events_total();
+        let prompt = self.sync.react_prepared(now, event, (new_outputs, true), prepared);
+        if event == Event::Sm2 {
+            if prompt == Prompt::Drop {
+                self.process_data.drop_outputs(pdi);
+            }
+        } else if self.sync.missed_events_total() != before && !self.stays(now, event, true, pdi) {
+            // The pulse itself has shown that too many events are missing.
+            return None;
         }
-        started
+        match prompt {
+            Prompt::Start(place) => Some(place),
+            Prompt::Nothing | Prompt::Drop => None,
+        }
     }
 
-    /// Whether [`whole_step`](Self::whole_step) may do the steps of the last event: the device is
-    /// [regular](Self::is_regular), measures no times, and its outputs have no toggle bit.
+    /// Whether [`whole_step`](Self::whole_step) may do the steps that events start: the device
+    /// measures no times, and its outputs have no toggle bit. As long as the steps of an event
+    /// are kept as they are, this does not change.
     #[inline]
     pub fn does_whole_steps(&self) -> bool {
         !self.sync.measures() && self.description().behaviour.output_toggle.is_none()
     }
 
-    /// Does a step that an event has started. It ends at `end`, before any other step begins. This
-    /// is [`begin`](Self::begin) and [`finish`](Self::finish) at once.
+    /// Does a step that an event has started. It ends before any other step begins, and before the
+    /// [`sync_deadline`](Self::sync_deadline). This is [`begin`](Self::begin) and
+    /// [`finish`](Self::finish) at once.
     #[inline(always)]
-    pub fn whole_step(&mut self, end: Time<Device>, step: Step, pdi: &mut impl Pdi) {
+    pub fn whole_step(&mut self, step: Step, pdi: &mut impl Pdi) {
         self.sync.ran(step);
         match step {
             Step::MapOutputs => {
-                self.process_data.fetch_outputs(self.dictionary.images_mut().outputs, pdi);
+                let outputs = self.process_data.fetch_outputs(self.dictionary.outputs_mut(), pdi);
                 self.sync.outputs_fetched(None);
                 if self.sync.outputs_ready() {
-                    let image = self.dictionary.output_image();
-                    self.application.map_outputs(self.process_data.outputs(image));
+                    self.application.map_outputs(outputs);
                 }
-                self.supervise(end, pdi);
+                debug_assert!(!self.sync.sequence_lost(), "it would have left OP");
             }
             Step::Application => self.application.application(self.sync.application_cycle()),
             Step::OutputsValid => self.application.outputs_valid(),

@@ -13,11 +13,11 @@ use crate::esm::Esm;
 use crate::mailbox::Mailbox;
 use crate::misbehaviour::{self, Misbehaviour, Misbehaviours};
 use crate::objects::Objects;
-use crate::prepared::{Prepared, Started};
+use crate::prepared::{Place, Prepared};
 use crate::process_data::ProcessData;
 use crate::services::Services;
 use crate::steps::Steps;
-use crate::sync_engine::{Chosen, Reaction, SyncEngine};
+use crate::sync_engine::{Chosen, Prompt, Reaction, SyncEngine};
 
 /// A SubDevice: state machine, mailbox, dictionary, process data and sync engine, with an
 /// application.
@@ -190,21 +190,38 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         event: Event,
         pdi: &mut impl Pdi,
         prepared: &'p mut Prepared<T>,
-    ) -> Started<'p, T> {
+    ) -> &'p Steps {
         if !self.description().behaviour.faults().is_empty() {
             let steps = self.handle_event(now, event, pdi);
             return prepared.keep(steps);
         }
-        let Some(new_outputs) = self.meet(now, event, pdi) else { return Started::NOTHING };
+        match self.handle_event_in_place(now, event, pdi, prepared) {
+            Some(place) => prepared.steps(place),
+            None => &Steps::EMPTY,
+        }
+    }
+
+    /// The same for a device that does not misbehave; returns where `prepared` has the steps that
+    /// start. `None`: none start.
+    #[inline(never)]
+    pub fn handle_event_in_place<T>(
+        &mut self,
+        now: Time<Device>,
+        event: Event,
+        pdi: &mut impl Pdi,
+        prepared: &mut Prepared<T>,
+    ) -> Option<Place> {
+        let new_outputs = self.meet(now, event, pdi)?;
         let op = self.esm.state == AlState::Op;
-        let started = self.sync.react_prepared(now, event, (new_outputs, op), prepared);
-        match started {
-            Some(started) if self.stays(now, event, op, pdi) => started,
-            Some(_) => Started::NOTHING,
-            None => {
-                self.process_data.drop_outputs(pdi);
-                Started::NOTHING
-            }
+        let prompt = self.sync.react_prepared(now, event, (new_outputs, op), prepared);
+        if prompt == Prompt::Drop {
+            self.process_data.drop_outputs(pdi);
+            return None;
+        }
+        let stays = self.stays(now, event, op, pdi);
+        match prompt {
+            Prompt::Start(place) if stays => Some(place),
+            _ => None,
         }
     }
 
@@ -302,7 +319,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
         match step {
             Step::MapOutputs => {
-                self.process_data.fetch_outputs(self.dictionary.images_mut().outputs, pdi);
+                self.process_data.fetch_outputs(self.dictionary.outputs_mut(), pdi);
                 let toggle = self.description().behaviour.output_toggle;
                 let toggle = toggle.filter(|_| self.esm.state == AlState::Op);
                 self.sync.outputs_fetched(toggle.and_then(|at| {
@@ -434,9 +451,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     #[inline(always)]
     pub(crate) fn hand_over_inputs(&mut self, pdi: &mut impl Pdi) {
-        let image = self.dictionary.images_mut().inputs;
-        self.application.map_inputs(self.process_data.inputs(image));
-        self.process_data.store_inputs(image, pdi);
+        let inputs = self.process_data.inputs(self.dictionary.inputs_mut());
+        self.application.map_inputs(inputs);
+        self.process_data.store_inputs(inputs, pdi);
     }
 
     /// Prepares for SAFEOP: inputs are in the buffer before the first frame fetches them, and

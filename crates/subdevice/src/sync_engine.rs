@@ -10,7 +10,7 @@ use crate::dictionary::Values;
 use crate::measurement::Measurement;
 use crate::misbehaviour::{self, Misbehaviour};
 use crate::missed::MissedCounter;
-use crate::prepared::{Begins, Prepared, Started};
+use crate::prepared::{Begins, Occasion, Place, Prepared};
 use crate::steps::Steps;
 
 /// The synchronization of a SubDevice: mode, counters and the steps of the present cycle.
@@ -48,6 +48,11 @@ pub struct SyncEngine {
     starting: u8,
     /// How long the pulses of SYNC0 and SYNC1 may be missing; `None`: no supervision.
     supervision: [Option<Nanos>; 2],
+    /// Number of SYNC0 pulses in the cycle of SYNC1.
+    sub_cycles: u32,
+    /// Whether SYNC0 checks for outputs, and whether it is the pulse at which they must be ready.
+    looks_at_sync0: bool,
+    expects_at_sync0: bool,
 }
 
 /// How the device is synchronized, as found at PREOP to SAFEOP.
@@ -126,6 +131,17 @@ pub(crate) enum Reaction {
     Drop,
 }
 
+/// The same, if the steps are prepared.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Prompt {
+    /// Start the steps at this place.
+    Start(Place),
+    /// Start nothing.
+    Nothing,
+    /// Acknowledge and drop outputs that came while the last ones were still in work.
+    Drop,
+}
+
 impl SyncEngine {
     /// An engine that is not in a cycle.
     pub(crate) fn new() -> Self {
@@ -151,6 +167,9 @@ impl SyncEngine {
             version: 0,
             starting: 0,
             supervision: [None; 2],
+            sub_cycles: 1,
+            looks_at_sync0: false,
+            expects_at_sync0: false,
         }
     }
 
@@ -169,10 +188,20 @@ impl SyncEngine {
         self.starting = starting.fold(0, |all, event| all | 1 << event as u8);
         let Setup { cycle, sync1, .. } = setup;
         self.supervision = [supervision_time(cycle), supervision_time_sync1(cycle, sync1)];
+        self.sub_cycles = setup.sub_cycles();
+        self.looks_at_sync0 = setup.chain.looks_for_outputs(Event::Sync0);
+        self.note_expectation();
         self.measurement.forget_distances();
         if setup.chain.mode == SyncMode::FreeRun {
             self.timer = Some(now + self.period());
         }
+    }
+
+    /// With subordinated cycles outputs must be ready for SYNC1, but the Slave Stack Code counts
+    /// each SYNC0.
+    fn note_expectation(&mut self) {
+        let by_pulse = self.settings.rule == MissedEvents::SlaveStackCode;
+        self.expects_at_sync0 = !self.setup.outputs_are_for_sync1() || by_pulse;
     }
 
     /// Stops the cycle below SAFEOP, with all counters at 0.
@@ -190,6 +219,9 @@ impl SyncEngine {
             version: self.version,
             starting: self.starting,
             supervision: self.supervision,
+            sub_cycles: self.sub_cycles,
+            looks_at_sync0: self.looks_at_sync0,
+            expects_at_sync0: self.expects_at_sync0,
             ..Self::new()
         };
     }
@@ -218,6 +250,8 @@ impl SyncEngine {
     /// Command of sub-index 08, bit 0: starts a new measurement, or stops it.
     pub(crate) fn measure(&mut self, on: bool) {
         self.measurement.switch(on);
+        // How the steps are done depends on it.
+        self.version = self.version.wrapping_add(1);
     }
 
     /// Takes the settings from the dictionary: after power-on and whenever one may have changed.
@@ -244,6 +278,7 @@ impl SyncEngine {
         if self.timer.is_some() {
             self.setup.cycle = self.settings.period;
         }
+        self.note_expectation();
         self.version = self.version.wrapping_add(1);
     }
 
@@ -269,32 +304,31 @@ impl SyncEngine {
         }
     }
 
-    /// The same with steps that may be known from an earlier cycle. `None`: the new outputs are
-    /// dropped.
+    /// The same with steps that may be known from an earlier cycle; `prepared` has them at the
+    /// place.
     #[inline(always)]
-    pub(crate) fn react_prepared<'p, T>(
+    pub(crate) fn react_prepared<T>(
         &mut self,
         now: Time<Device>,
         event: Event,
         (new_outputs, op): (bool, bool),
-        prepared: &'p mut Prepared<T>,
-    ) -> Option<Started<'p, T>> {
+        prepared: &mut Prepared<T>,
+    ) -> Prompt {
         let Some(last_sync0) = self.note(now, event, new_outputs, op) else {
-            return Some(Started::NOTHING);
+            return Prompt::Nothing;
         };
         if !last_sync0 && self.starting & 1 << event as u8 == 0 {
-            return Some(Started::NOTHING);
+            return Prompt::Nothing;
         }
-        let (begins, made, place) =
-            prepared.of((event, last_sync0, new_outputs, op), self.version, || {
-                self.begins(event, last_sync0, new_outputs, op)
-            });
+        let occasion = Occasion { event, last_sync0, new_outputs, op };
+        let (begins, place) =
+            prepared.of(occasion, self.version, || self.begins(event, last_sync0, new_outputs, op));
         if self.take_up(now, begins) {
-            Some(Started { steps: &begins.steps, made: Some(made), place })
+            if begins.starts == 0 { Prompt::Nothing } else { Prompt::Start(place) }
         } else if event == Event::Sm2 {
-            None
+            Prompt::Drop
         } else {
-            Some(Started::NOTHING)
+            Prompt::Nothing
         }
     }
 
@@ -471,13 +505,21 @@ impl SyncEngine {
     /// Sets the time of the next pulses, after a SYNC pulse.
     #[inline(always)]
     fn expect_sync(&mut self) {
-        let [allowed0, allowed1] = self.supervision;
-        let sync0 = self.last_sync0.zip(allowed0).map(|(last, allowed)| last + allowed);
-        let sync1 = self.last_sync1.zip(allowed1).map(|(last, allowed)| last + allowed);
-        self.deadline = match (sync0, sync1) {
-            (Some(sync0), Some(sync1)) => Some(sync0.min(sync1)),
-            (one, other) => one.or(other),
+        let sync0 = self.last_sync0.zip(self.supervision[0]).map(|(last, allowed)| last + allowed);
+        self.deadline = match self.last_sync1 {
+            None => sync0,
+            Some(last) => self.earlier(sync0, last),
         };
+    }
+
+    #[inline(never)]
+    fn earlier(
+        &self,
+        sync0: Option<Time<Device>>,
+        last_sync1: Time<Device>,
+    ) -> Option<Time<Device>> {
+        let sync1 = self.supervision[1].map(|allowed| last_sync1 + allowed);
+        sync0.zip(sync1).map(|(one, other)| one.min(other)).or(sync0).or(sync1)
     }
 
     /// When the local timer is due; only with Free Run in SAFEOP and OP.
@@ -493,8 +535,12 @@ impl SyncEngine {
     }
 
     /// Whether this event checks for outputs.
+    #[inline(always)]
     pub(crate) fn looks_for_outputs(&self, event: Event) -> bool {
-        self.setup.chain.looks_for_outputs(event)
+        match event {
+            Event::Sync0 => self.looks_at_sync0,
+            _ => self.setup.chain.looks_for_outputs(event),
+        }
     }
 
     /// The present mode, or the last one.
@@ -515,7 +561,7 @@ impl SyncEngine {
     pub(crate) fn application_cycle(&self) -> Nanos {
         let setup = &self.setup;
         if setup.chain.mode == SyncMode::DcSubordinated && setup.chain.application_on_sync1 {
-            Nanos(setup.cycle.0.saturating_mul(i64::from(setup.sub_cycles())))
+            Nanos(setup.cycle.0.saturating_mul(i64::from(self.sub_cycles)))
         } else {
             setup.cycle
         }
@@ -610,12 +656,11 @@ impl SyncEngine {
         self.expect_sync();
         self.measurement.sync0(now);
         self.sub_cycle = self.sub_cycle.saturating_add(1);
-        let last = self.sub_cycle == self.setup.sub_cycles();
-        let by_pulse = self.settings.rule == MissedEvents::SlaveStackCode;
-        if self.setup.outputs_are_for_sync1() && !by_pulse {
+        let last = self.sub_cycle == self.sub_cycles;
+        if !self.expects_at_sync0 {
             return last;
         }
-        if self.setup.chain.looks_for_outputs(Event::Sync0) {
+        if self.looks_at_sync0 {
             // Only the outputs of this SYNC0 count, not those before it.
             self.updated = new_outputs;
         }
@@ -634,8 +679,7 @@ impl SyncEngine {
             self.late = true;
             increment(&mut self.shift_time_too_short);
         }
-        let by_pulse = self.settings.rule == MissedEvents::SlaveStackCode;
-        if self.setup.outputs_are_for_sync1() && !by_pulse {
+        if !self.expects_at_sync0 {
             self.expect_outputs(op);
         }
     }
@@ -647,7 +691,16 @@ impl SyncEngine {
         self.late = self.is_running(Step::MapOutputs)
             && (!self.setup.outputs_are_for_sync1() || self.sub_cycle == 0);
         let updated = core::mem::take(&mut self.updated);
-        let grace = if self.setup.outputs_are_for_sync1() { self.setup.sub_cycles() } else { 1 };
+        if updated && self.settings.rule == MissedEvents::Counted {
+            self.missed.in_time();
+        } else {
+            self.count_pulse(updated, op);
+        }
+    }
+
+    #[inline(never)]
+    fn count_pulse(&mut self, updated: bool, op: bool) {
+        let grace = if self.setup.outputs_are_for_sync1() { self.sub_cycles } else { 1 };
         self.missed.pulse(updated, op, self.settings.rule, self.settings.limit, grace);
         if op && !updated {
             self.missed_total += 1;

@@ -72,6 +72,9 @@ pub(crate) struct SyncManagers {
     /// releases buffers by reading.
     simple: u16,
     plain: u16,
+    /// Those of the plain ones that the PDI reads, and those that it writes.
+    plain_outputs: u16,
+    plain_inputs: u16,
     /// The address behind the last buffer of all units.
     reserved_end: usize,
     /// Units whose buffer the frame in flight closed.
@@ -149,6 +152,8 @@ impl SyncManagers {
             alone: 0,
             simple: 0,
             plain: 0,
+            plain_outputs: 0,
+            plain_inputs: 0,
             reserved_end: 0,
             closing: 0,
             changed: 0,
@@ -245,7 +250,10 @@ impl SyncManagers {
     /// 0 without a label.
     #[inline]
     pub fn label(&self, number: usize) -> u64 {
-        self.slots.get(number).map_or(0, |slot| slot.labels[slot.unit.buffer(Direction::Read)])
+        let Some(slot) = self.slots.get(number) else { return 0 };
+        let is_plain = self.plain & 1 << number != 0;
+        let unit = &slot.unit;
+        slot.labels[if is_plain { unit.consumer() } else { unit.buffer(Direction::Read) }]
     }
 
     /// Handles the end of a good frame: buffers that ECAT closed change hands, and those that it
@@ -444,10 +452,14 @@ impl SyncManagers {
     /// The PDI opens, accesses and closes one area as a whole. Returns its place in memory, and
     /// whether the watchdog is triggered. `None`: the access is not allowed or has more effects,
     /// and nothing was done.
-    #[inline]
+    #[inline(always)]
     pub fn pdi_whole(&mut self, direction: Direction, number: usize) -> Option<(usize, bool)> {
         let Slot { unit, labels, .. } = &mut self.slots[number];
-        if self.plain & 1 << number == 0 || unit.direction_of(Side::Pdi) != direction {
+        let usual = match direction {
+            Direction::Read => self.plain_outputs,
+            Direction::Write => self.plain_inputs,
+        };
+        if usual & 1 << number == 0 {
             return None;
         }
         let (place, watchdog) = match direction {
@@ -522,6 +534,7 @@ impl SyncManagers {
     /// Finds the units whose areas no other unit's buffers overlap, and the end of the last buffer.
     fn find_alone(&mut self) {
         (self.alone, self.simple, self.reserved_end) = (0, 0, 0);
+        (self.plain_outputs, self.plain_inputs) = (0, 0);
         for number in bits(self.guarding) {
             let unit = &self.slots[number].unit;
             let (start, end) = (usize::from(unit.config.start), unit.end());
@@ -533,6 +546,10 @@ impl SyncManagers {
             if !shared {
                 self.alone |= 1 << number;
                 self.simple |= u16::from(unit.is_plain()) << number;
+                let is_plain = unit.is_plain() && !self.release_by_write;
+                let is_read = unit.direction_of(Side::Pdi) == Direction::Read;
+                self.plain_outputs |= u16::from(is_plain && is_read) << number;
+                self.plain_inputs |= u16::from(is_plain && !is_read) << number;
             }
         }
         self.plain = if self.release_by_write { 0 } else { self.simple };

@@ -8,34 +8,27 @@
 use isocat_esc::EscEvent;
 use isocat_subdevice::{Event, Place, Step};
 use isocat_wire::AlState;
-use isocat_wire::time::{Device as DeviceClock, Nanos, Time};
+use isocat_wire::time::{Device as DeviceClock, Nanos, Time, True};
 
 use super::Device;
-use crate::cpu::{Action, Plan, Sequence, What};
+use crate::cpu::{Action, Sequence, Span, What};
 use crate::observation::{Content, Observed};
 use crate::watcher::Watcher;
 
 /// The steps of an event as a sequence, if they never vary; `None` if they are none.
 pub(super) type Kept = Option<Sequence>;
 
-/// Why the short way ends.
-#[derive(PartialEq, Eq)]
-enum End {
-    /// Everything up to the limit has happened.
-    Done,
-    /// Something that is not regular comes next.
-    Irregular,
-}
+/// Something that is not regular comes next.
+struct Irregular;
 
 impl Device {
     /// Lets events happen up to and including `limit`, as long as they are regular. `false`:
     /// [`Device::live`] must go on.
-    #[inline]
     pub(super) fn regular(&mut self, limit: Time<DeviceClock>, watch: &mut Watcher) -> bool {
         if !self.regular {
             self.regular = self.lane && self.is_bare() && self.stack.is_regular();
         }
-        if !self.regular || self.esc.rest_until().min(self.timeout) <= limit {
+        if !self.regular {
             return false;
         }
         let mut worked = None;
@@ -43,158 +36,141 @@ impl Device {
         if let Some(at) = worked {
             self.esc.note_pdi(at);
         }
-        if end == End::Irregular {
-            return false;
-        }
-        self.quiet_until = self.esc.quiet_until().min(self.timeout).min(self.present.due());
+        let Ok(next) = end else { return false };
+        // The PDI watchdog may have been started.
+        self.quiet_until = next.min(self.esc.rest_until());
         true
     }
 
-    /// The events up to `limit`. `worked`: when the CPU last accessed the ESC.
+    /// The events up to `limit`; returns when the next one is due. `worked`: when the CPU last
+    /// accessed the ESC.
     #[inline(always)]
     fn events(
         &mut self,
         limit: Time<DeviceClock>,
         worked: &mut Option<Time<DeviceClock>>,
         watch: &mut Watcher,
-    ) -> End {
+    ) -> Result<Time<DeviceClock>, Irregular> {
         if !self.cpu.is_idle() {
-            return End::Irregular;
+            return Err(Irregular);
         }
         loop {
-            let Some((frame, sync)) = self.esc.cyclic_dues() else { return End::Irregular };
-            if self.esc.rest_until().min(self.timeout) <= limit {
-                return End::Irregular;
+            let Some((frame, sync)) = self.esc.cyclic_dues() else { return Err(Irregular) };
+            let seldom = self.esc.rest_until().min(self.timeout);
+            if seldom <= limit {
+                return Err(Irregular);
             }
             let at = frame.min(sync);
+            let due = self.present.due();
+            let next = at.min(due);
+            if next > limit {
+                return Ok(next.min(seldom));
+            }
             // What the CPU does at an instant, it does before all that the ESC does then; but where
             // it accesses the ESC, a frame that ends at the instant has ended.
-            let due = self.present.due();
-            if due <= at.min(limit) {
+            if due <= at {
                 if due == frame {
-                    return End::Irregular;
+                    return Err(Irregular);
                 }
                 self.go_on((frame + Nanos(-1)).min(sync).min(limit), worked, watch);
                 continue;
             }
-            if at > limit {
-                return End::Done;
-            }
-            let mut started: Option<Place> = None;
-            if frame > sync {
-                let (event, observed) = match self.esc.step_sync() {
-                    Some(EscEvent::Sync0) => (Event::Sync0, Observed::Sync0),
-                    Some(EscEvent::Sync1) => (Event::Sync1, Observed::Sync1),
-                    _ => {
-                        self.look_for_lost_pulses(at, watch);
-                        continue;
-                    }
-                };
-                self.report(at, observed, Content::default(), watch);
-                let is_alone = self.start(at, event, &mut started);
-                self.look_in_lane(at, watch);
-                *worked = Some(at);
-                if !is_alone {
-                    return End::Irregular;
-                }
-                if self.stack.state() != AlState::Op {
-                    if let Some(place) = started {
-                        self.begin_later(at, place);
-                    }
-                    return End::Irregular;
-                }
+            let started = if frame > sync {
+                self.pulse(at, worked, watch)
             } else {
-                let Some(events) = self.esc.end_regular_frame() else { return End::Irregular };
-                if events == 0 {
-                    continue;
-                }
-                let [outputs, inputs] = self.sm_events;
-                if events & !(outputs | inputs) != 0 {
-                    // What is not of the process data's first SyncManagers.
-                    if let Some(at) = worked.take() {
-                        self.esc.note_pdi(at);
-                    }
-                    self.esc_event(at, EscEvent::FrameEnd { al_events: events }, watch);
-                    return End::Irregular;
-                }
-                let content = Content { frame: self.frame, ..Content::default() };
-                *worked = Some(at);
-                let mut is_alone = true;
-                if events & outputs != 0 {
-                    self.report(at, Observed::Sm2, content, watch);
-                    is_alone = self.start(at, Event::Sm2, &mut started);
-                }
-                if events & inputs != 0 {
-                    let sync_manager = self.stack.description().inputs.sync_manager;
-                    let latched = Time::new(self.esc.label(sync_manager));
-                    self.report(at, Observed::Sm3, Content { latched, ..content }, watch);
-                    is_alone &= self.start(at, Event::Sm3, &mut started);
-                }
-                if !is_alone {
-                    return End::Irregular;
-                }
-            }
-            if let Some(place) = started {
-                self.follow(at, place, limit, worked, watch);
+                self.frame_end(at, worked, watch)
+            };
+            if let Some(place) = started?
+                && !self.follow(at, place, limit, worked, watch)
+            {
+                return Err(Irregular);
             }
         }
     }
 
-    /// Takes what an event starts. `false`: steps of two events overlap, and are on the agenda of
-    /// the CPU. `started`: a sequence that begins now.
+    /// The SYNC unit's due time has come; returns the steps that the pulse starts.
     #[inline(always)]
-    fn start(&mut self, at: Time<DeviceClock>, event: Event, started: &mut Option<Place>) -> bool {
-        let pdi = &mut self.esc.pdi_in_lane(at);
-        let begun = self.stack.handle_regular_event(at, event, pdi, &mut self.prepared);
-        if begun.steps.is_empty() {
-            return true;
-        }
-        let is_free = self.present.is_over() && started.is_none();
-        match begun.made {
-            Some(kept) if is_free && self.cpu.is_even() => {
-                let sequence = kept.get_or_insert_with(|| {
-                    let mut plan = Plan::NONE;
-                    self.cpu.plan(begun.steps, None, &mut plan);
-                    Sequence::of(&plan)
-                });
-                if sequence.is_some() {
-                    *started = Some(begun.place);
-                } else {
-                    self.present.take_new(at, |plan| self.cpu.plan(begun.steps, None, plan));
-                }
+    fn pulse(
+        &mut self,
+        at: Time<DeviceClock>,
+        worked: &mut Option<Time<DeviceClock>>,
+        watch: &mut Watcher,
+    ) -> Result<Option<Place>, Irregular> {
+        let started = match self.esc.step_sync() {
+            Some(EscEvent::Sync0) => {
+                self.report(at, Observed::Sync0, Content::default(), watch);
+                let pdi = &mut self.esc.pdi_in_lane(at);
+                self.stack.handle_regular_event(at, Event::Sync0, pdi, &mut self.prepared)
             }
-            _ if is_free => {
-                self.present.take_new(at, |plan| self.cpu.plan(begun.steps, None, plan));
+            Some(EscEvent::Sync1) => {
+                self.report(at, Observed::Sync1, Content::default(), watch);
+                // Few devices have it, so it is not part of this function.
+                let pdi = &mut self.esc.pdi_in_lane(at);
+                self.stack.handle_event_in_place(at, Event::Sync1, pdi, &mut self.prepared)
             }
             _ => {
-                // Two events overlap.
-                let steps = *begun.steps;
-                if let Some(place) = started.take() {
-                    self.begin_later(at, place);
-                }
-                let (before, from, half) = self.present.rest();
-                self.cpu.put(self.present.at, before, from, half);
-                self.present.clear();
-                self.cpu.start(at, &steps, None);
-                return false;
+                self.look_for_lost_pulses(at, watch);
+                return Ok(None);
             }
+        };
+        self.look_in_lane(at, watch);
+        *worked = Some(at);
+        if self.stack.state() != AlState::Op {
+            if let Some(place) = started {
+                self.start(at, place);
+            }
+            return Err(Irregular);
         }
-        true
+        Ok(started)
     }
 
-    #[inline]
-    fn sequence(&self, place: Place) -> Option<&Sequence> {
-        self.prepared.made(place)?.as_ref()
-    }
-
-    /// Leaves all steps of a sequence for later.
-    fn begin_later(&mut self, at: Time<DeviceClock>, place: Place) {
-        if let Some(&sequence) = self.sequence(place) {
-            self.present.take_new(at, |plan| plan.take_sequence(&sequence));
+    /// A frame has ended; returns the steps that its SM event starts.
+    #[inline(always)]
+    fn frame_end(
+        &mut self,
+        at: Time<DeviceClock>,
+        worked: &mut Option<Time<DeviceClock>>,
+        watch: &mut Watcher,
+    ) -> Result<Option<Place>, Irregular> {
+        let Some(events) = self.esc.end_regular_frame() else { return Err(Irregular) };
+        if events == 0 {
+            return Ok(None);
         }
+        let [outputs, inputs] = self.sm_events;
+        if events & !(outputs | inputs) != 0 {
+            // What is not of the process data's first SyncManagers.
+            if let Some(at) = worked.take() {
+                self.esc.note_pdi(at);
+            }
+            self.esc_event(at, EscEvent::FrameEnd { al_events: events }, watch);
+            return Err(Irregular);
+        }
+        *worked = Some(at);
+        let content = Content { frame: self.frame, ..Content::default() };
+        let mut started = None;
+        if events & outputs != 0 {
+            self.report(at, Observed::Sm2, content, watch);
+            let pdi = &mut self.esc.pdi_in_lane(at);
+            started = self.stack.handle_regular_event(at, Event::Sm2, pdi, &mut self.prepared);
+        }
+        if events & inputs != 0 {
+            if watch.keeps(Observed::Sm3) {
+                let sync_manager = self.stack.description().inputs.sync_manager;
+                let latched = Time::new(self.esc.label(sync_manager));
+                self.report(at, Observed::Sm3, Content { latched, ..content }, watch);
+            }
+            let pdi = &mut self.esc.pdi_in_lane(at);
+            let other = self.stack.handle_regular_event(at, Event::Sm3, pdi, &mut self.prepared);
+            // SM3 starts steps only of a device without outputs, where SM2 starts none.
+            debug_assert!(started.is_none() || other.is_none());
+            started = started.or(other);
+        }
+        Ok(started)
     }
 
-    /// Does the steps that an event has started, if all of them end before anything else happens.
+    /// Does the steps that an event has started, if they are a sequence and all of them end before
+    /// anything else happens; otherwise they wait for their time. `false`: they are on the agenda
+    /// of the CPU.
     #[inline(always)]
     fn follow(
         &mut self,
@@ -203,64 +179,118 @@ impl Device {
         limit: Time<DeviceClock>,
         worked: &mut Option<Time<DeviceClock>>,
         watch: &mut Watcher,
-    ) {
-        let Some(&sequence) = self.sequence(place) else { return };
+    ) -> bool {
+        let Some(Some(sequence)) = self.prepared.made(place) else { return self.start(at, place) };
         let end = at + sequence.end();
         let dues = self.esc.cyclic_dues();
         let alone = dues.is_some_and(|(frame, sync)| end < frame && end <= sync);
-        if !alone || end > limit || !self.stack.does_whole_steps() {
-            return self.begin_later(at, place);
+        if !alone || end > limit || !self.present.is_over() {
+            return self.start(at, place);
         }
-        for (number, (step, after, until)) in sequence.steps().enumerate() {
-            let (begin, end) = (at + after, at + until);
+        let mut acted = Time::ZERO;
+        for span in sequence.spans() {
+            let Some(step) = span.step else { break };
             // A buffer that changed hands may have started a watchdog.
             if self.esc.rest_until() <= limit {
-                self.begin_later(at, place);
-                return self.present.go_on(number, false, begin);
+                let done = usize::from(span.number);
+                let begin = at + span.after();
+                if let Some(last) = done.checked_sub(1) {
+                    *worked = Some(at + sequence.spans()[last].until());
+                }
+                self.report_steps(at, &sequence.spans()[..done], acted, watch);
+                let begun = self.start(at, place);
+                self.present.go_on(done, false, begin);
+                return begun;
             }
-            *worked = Some(end);
-            if step == Step::LatchInputs {
-                self.esc.label_pdi(begin.count());
-            }
-            let content = match step {
+            match step {
                 Step::MapOutputs => {
-                    let pdi = &mut self.esc.pdi_in_lane(begin);
-                    self.stack.whole_step(end, Step::MapOutputs, pdi);
+                    let buffers = &mut self.esc.buffers(at + span.after());
+                    self.stack.whole_step(Step::MapOutputs, buffers);
                     let label = self.esc.label(self.stack.description().outputs.sync_manager);
                     self.fetched = Time::new(label);
-                    let content = Content { frame: self.fetched, ..Content::default() };
-                    self.report(begin, Observed::Began(step), content, watch);
-                    self.outputs_mapped();
-                    self.report(end, Observed::Finished(step), content, watch);
-                    continue;
-                }
-                Step::MapInputs => {
-                    let pdi = &mut self.esc.pdi_in_lane(end);
-                    self.stack.whole_step(end, Step::MapInputs, pdi);
-                    Content::default()
-                }
-                Step::OutputsValid => {
-                    self.stack.whole_step(end, Step::OutputsValid, &mut super::Nowhere);
-                    let acted = self.application().take_acted();
-                    let frame = if acted { self.mapped } else { Time::ZERO };
-                    Content { frame, ..Content::default() }
+                    if self.stack.application_mut().take_mapped() {
+                        self.mapped = self.fetched;
+                    }
                 }
                 Step::Application => {
-                    self.stack.whole_step(end, Step::Application, &mut super::Nowhere);
-                    Content::default()
+                    self.stack.whole_step(Step::Application, &mut super::Nowhere);
+                }
+                Step::OutputsValid => {
+                    self.stack.whole_step(Step::OutputsValid, &mut super::Nowhere);
+                    if self.stack.application_mut().take_acted() {
+                        acted = self.mapped;
+                    }
                 }
                 Step::LatchInputs => {
-                    self.stack.whole_step(end, Step::LatchInputs, &mut super::Nowhere);
-                    Content::default()
+                    self.esc.label_pdi((at + span.after()).count());
+                    self.stack.whole_step(Step::LatchInputs, &mut super::Nowhere);
                 }
+                Step::MapInputs => {
+                    let buffers = &mut self.esc.buffers(at + span.until());
+                    self.stack.whole_step(Step::MapInputs, buffers);
+                }
+            }
+        }
+        *worked = Some(end);
+        if watch.keeps_steps() {
+            self.report_steps(at, sequence.spans(), acted, watch);
+        }
+        true
+    }
+
+    /// Reports these steps of an event. `acted`: the frame of the outputs that have acted.
+    #[inline(never)]
+    fn report_steps(
+        &self,
+        at: Time<DeviceClock>,
+        spans: &[Span],
+        acted: Time<True>,
+        watch: &mut Watcher,
+    ) {
+        for span in spans {
+            let Some(step) = span.step else { return };
+            if !watch.keeps_step(step) {
+                continue;
+            }
+            let content = |frame| Content { frame, ..Content::default() };
+            let (began, finished) = match step {
+                Step::MapOutputs => (self.fetched, self.fetched),
+                Step::OutputsValid => (acted, Time::ZERO),
+                _ => (Time::ZERO, Time::ZERO),
             };
-            self.report(begin, Observed::Began(step), content, watch);
-            self.report(end, Observed::Finished(step), Content::default(), watch);
+            self.report(at + span.after(), Observed::Began(step), content(began), watch);
+            self.report(at + span.until(), Observed::Finished(step), content(finished), watch);
         }
     }
 
+    /// Lets the steps of an event wait for their time. `false`: steps of two events overlap, and
+    /// are on the agenda of the CPU.
+    #[inline(never)]
+    fn start(&mut self, at: Time<DeviceClock>, place: Place) -> bool {
+        let Self { cpu, present, prepared, .. } = self;
+        let steps = prepared.steps(place);
+        if !present.is_over() {
+            let (before, from, half) = present.rest();
+            cpu.put(present.at, before, from, half);
+            present.clear();
+            cpu.start(at, steps, None);
+            return false;
+        }
+        match prepared.made(place) {
+            Some(Some(sequence)) => present.take_new(at, |plan| plan.take_sequence(sequence)),
+            Some(None) => present.take_new(at, |plan| cpu.plan(steps, None, plan)),
+            None => {
+                present.take_new(at, |plan| cpu.plan(steps, None, plan));
+                let is_even = cpu.is_even() && self.stack.does_whole_steps();
+                let sequence = if is_even { Sequence::of(present.rest().0) } else { None };
+                prepared.keep_made(place, sequence);
+            }
+        }
+        true
+    }
+
     /// Does what is due up to `limit` of what the last event has started.
-    #[inline(always)]
+    #[inline(never)]
     fn go_on(
         &mut self,
         limit: Time<DeviceClock>,
@@ -286,20 +316,9 @@ impl Device {
                     (half, due) = (true, end);
                     break;
                 }
-                What::Step(Step::Application) => {
-                    self.step_apart(Step::Application, (begin, end), watch);
-                }
-                What::Step(Step::OutputsValid) => {
-                    self.step_apart(Step::OutputsValid, (begin, end), watch);
-                }
-                What::Step(Step::LatchInputs) => {
-                    self.step_apart(Step::LatchInputs, (begin, end), watch);
-                }
-                What::Step(Step::MapOutputs) => {
-                    self.step_at_esc(Step::MapOutputs, (begin, end), watch);
-                }
-                What::Step(Step::MapInputs) => {
-                    self.step_at_esc(Step::MapInputs, (begin, end), watch);
+                What::Step(step) => {
+                    self.begin_in_lane(begin, step, watch);
+                    self.finish_in_lane(end, step, watch);
                 }
                 What::Action(Action::Begin(step)) => self.begin_in_lane(begin, step, watch),
                 What::Action(Action::Finish(step)) => self.finish_in_lane(begin, step, watch),
@@ -322,36 +341,5 @@ impl Device {
         self.stack.finish(at, step, &mut self.esc.pdi_in_lane(at));
         let frame = if step == Step::MapOutputs { self.outputs_mapped() } else { Time::ZERO };
         self.report(at, Observed::Finished(step), Content { frame, ..Content::default() }, watch);
-    }
-
-    /// A step that does not access the ESC.
-    #[inline]
-    fn step_apart(
-        &mut self,
-        step: Step,
-        (begin, end): (Time<DeviceClock>, Time<DeviceClock>),
-        watch: &mut Watcher,
-    ) {
-        self.stack.begin(begin, step, &mut super::Nowhere);
-        let content = Content { frame: self.began(begin, step), ..Content::default() };
-        self.report(begin, Observed::Began(step), content, watch);
-        self.stack.finish(end, step, &mut super::Nowhere);
-        self.report(end, Observed::Finished(step), Content::default(), watch);
-    }
-
-    /// A step that accesses the ESC.
-    #[inline]
-    fn step_at_esc(
-        &mut self,
-        step: Step,
-        (begin, end): (Time<DeviceClock>, Time<DeviceClock>),
-        watch: &mut Watcher,
-    ) {
-        self.stack.begin(begin, step, &mut self.esc.pdi_in_lane(begin));
-        let content = Content { frame: self.began(begin, step), ..Content::default() };
-        self.report(begin, Observed::Began(step), content, watch);
-        self.stack.finish(end, step, &mut self.esc.pdi_in_lane(end));
-        let frame = if step == Step::MapOutputs { self.outputs_mapped() } else { Time::ZERO };
-        self.report(end, Observed::Finished(step), Content { frame, ..Content::default() }, watch);
     }
 }

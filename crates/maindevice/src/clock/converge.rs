@@ -71,9 +71,14 @@ pub(super) async fn converge(
             after: link.now() - begin,
         });
     }
-    let address = register::TIME_FILTER_DEPTH.address;
-    let count = followers(segment, reference).len() as u16 + 1;
-    link.bwr(address, &[difference]).expect(count).await?;
+    if difference != locking_depth(segment, config) {
+        let address = register::TIME_FILTER_DEPTH.address;
+        let count = followers(segment, reference).len() as u16 + 1;
+        link.bwr(address, &[difference]).expect(count).await?;
+        // Newer chips forget the difference with it, and a loop may take the next one for drift
+        // since then: over a whole cycle that is little, as it is with all others.
+        link.sleep(config.cycle).await;
+    }
     link.board(|board| board.statistics.drift_burst = board.statistics.drift_frames);
     Ok(())
 }

@@ -3,8 +3,9 @@
 //!
 //! [`prepare`] needs no cycle: it goes from the scan to the plan. Then the machine sends the drift
 //! datagram in every cycle and locks the host onto the reference clock. [`synchronize`] programs
-//! SYNC and goes to SAFEOP. Then process data run, and [`operate`] goes to OP once the data are
-//! complete and SYNC is verified. [`stop`] leads back to INIT.
+//! SYNC and goes to SAFEOP. Then process data run, and [`operate`] goes to OP once the types of
+//! synchronization are verified, the data are complete and SYNC is verified. [`stop`] leads back to
+//! INIT.
 
 use alloc::boxed::Box;
 use alloc::sync::Arc;
@@ -68,7 +69,8 @@ pub(crate) async fn synchronize(mut work: Work) -> End {
     work.end(result)
 }
 
-/// Waits for complete process data, verifies SYNC, and goes to OP.
+/// Verifies the types of synchronization, waits for complete process data, verifies SYNC, and goes
+/// to OP.
 pub(crate) async fn operate(mut work: Work) -> End {
     let result = operation(&mut work).await;
     if matches!(result, Err(Cause::Refused { .. } | Cause::StateTimeout { .. })) {
@@ -347,15 +349,6 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
     })
     .await?;
     leave_out(work, failures).await;
-    let failures = each_with_mailbox(work, |device, mailbox| {
-        Box::pin(async move {
-            let Some(mailbox) = mailbox.filter(|_| device.has_coe()) else { return Ok(()) };
-            let wish = config.devices.get(device.position);
-            sync::verify_types(mailbox, device, wish).await
-        })
-    })
-    .await?;
-    leave_out(work, failures).await;
     Ok(())
 }
 
@@ -394,6 +387,17 @@ async fn sync_is_ahead(link: &Link, segment: &Segment, reference: usize) -> Resu
 async fn operation(work: &mut Work) -> Result<(), Cause> {
     let (link, config) = (work.link.clone(), work.config.clone());
     let (link, config) = (&link, &*config);
+    // Meanwhile process data become complete, and the first SYNC0 comes.
+    let failures = each_with_mailbox(work, |device, mailbox| {
+        Box::pin(async move {
+            let Some(mailbox) = mailbox.filter(|_| device.has_coe()) else { return Ok(()) };
+            let wish = config.devices.get(device.position);
+            sync::verify_types(mailbox, device, wish).await
+        })
+    })
+    .await?;
+    leave_out(work, failures).await;
+
     work.enter(Stage::Op);
     let begin = link.board(|board| board.cycle);
     // So many exchanges of the slowest too.

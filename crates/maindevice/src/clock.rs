@@ -7,12 +7,14 @@
 //!    jumps.
 //! 3. The polarity of each clock's 0x092C is measured, since register documentations contradict
 //!    each other.
-//! 4. The filters are reset, and FRMW frames drive the drift loop until every clock has converged.
+//! 4. The filters are reset, and the first drift frame leaves in each the phase that its clock will
+//!    gain. FRMW frames then drive the drift loop until every clock has converged.
 
+use alloc::vec::Vec;
 use core::sync::atomic::AtomicBool;
 
 use isocat_wire::register::{self, Value};
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Host, Nanos, Time};
 
 use crate::config::Config;
 use crate::delay::{self, Latch};
@@ -30,13 +32,14 @@ mod polarity;
 mod settings;
 mod shift;
 
-use converge::converge;
 pub(crate) use converge::follow;
+use converge::{converge, first_pace};
+use drift_frames::drift_frame_that_returns;
 pub(crate) use drift_frames::{limits, noise};
 pub(crate) use join::{Joining, join};
 use latches::{Latches, measure};
 pub(crate) use settings::depths;
-use settings::{SPEED_COUNTER_START, locking_depth, write};
+use settings::{SPEED_COUNTER_START, locking_depth, write, write_offsets};
 pub(crate) use shift::shift;
 
 /// Measures and sets delays and offsets, then drives the drift loop. Does nothing without a clock.
@@ -53,19 +56,28 @@ pub(crate) async fn synchronize(
     let link = &link.ahead();
     let Latches { lines, last: (sent, latched) } =
         measure(link, config, segment, reference).await?;
+    let entries = |at: Time<Host>| lines.at(latched + (at - sent).0);
+    let depth = locking_depth(segment, config);
+    if !config.drift_compensation {
+        set_offsets(segment, reference, &entries(link.now()), &[]);
+        return Ok(write(link, config, segment, Nanos::ZERO, depth).await?);
+    }
+    set_offsets(segment, reference, &entries(sent), &[]);
     // How long writing takes: the clocks run apart meanwhile.
-    let mut writing = Nanos::ZERO;
-    if config.drift_compensation {
-        set_offsets(segment, reference, &lines.at(latched));
-        writing = polarity::learn(link, config, segment, reference).await?;
-    }
-    let by_then = link.now() + writing - sent;
-    set_offsets(segment, reference, &lines.at(latched + by_then.0));
-    write(link, config, segment, Nanos::ZERO, locking_depth(segment, config)).await?;
-    if config.drift_compensation {
-        converge(link, config, segment, reference, beside).await?;
-    }
-    Ok(())
+    let writing = polarity::learn(link, config, segment, reference).await?;
+    // While a loop learns its speed, its clock gains this. So it begins as far behind, and the
+    // filter of its loop with it: the first drift frame leaves 1 / 2^depth of a difference there.
+    // The loop would take for drift what the filter passes later.
+    let gained = lines.gained_in(first_pace(segment, config, reference).mean());
+    let behind: Vec<Nanos> = gained.into_iter().map(|gained| -gained).collect();
+    let far: Vec<Nanos> = behind.iter().map(|phase| Nanos(phase.0 << depth)).collect();
+    set_offsets(segment, reference, &entries(link.now() + writing), &far);
+    write(link, config, segment, Nanos::ZERO, depth).await?;
+    drift_frame_that_returns(link, segment.devices[reference].station).await?;
+    // Offsets alone are half of it.
+    set_offsets(segment, reference, &entries(link.now() + Nanos(writing.0 / 2)), &behind);
+    write_offsets(link, segment).await?;
+    converge(link, config, segment, reference, beside).await
 }
 
 /// Measures the speed of each free-running clock against the reference clock. Corrections that an
@@ -119,13 +131,14 @@ pub(crate) async fn measure_speeds(
 /// its local time `r` enters a SubDevice `delay` later, at the local time `l` there: its system
 /// time is then `r + delay`, so its offset is `r + delay - l`. All wraps as the registers do.
 ///
-/// `entries` are the local times of one frame: that of the first drift frame, so that each loop
-/// begins without a difference. A loop takes for drift what the filter of 0x0934 passes of it.
-fn set_offsets(segment: &mut Segment, reference: usize, entries: &[u64]) {
+/// `entries` are the local times of one frame: that of the next drift frame. It then finds each
+/// clock by its phase in `phases` ahead of the reference; missing phases are zero.
+fn set_offsets(segment: &mut Segment, reference: usize, entries: &[u64], phases: &[Nanos]) {
     let time = entries[reference];
-    for (device, entry) in segment.devices.iter_mut().zip(entries) {
-        let delay = device.delay.unwrap_or(Nanos::ZERO).0;
-        device.offset = time.wrapping_add_signed(delay).wrapping_sub(*entry);
+    for (at, (device, entry)) in segment.devices.iter_mut().zip(entries).enumerate() {
+        let delay = device.delay.unwrap_or(Nanos::ZERO);
+        let ahead = delay + phases.get(at).copied().unwrap_or_default();
+        device.offset = time.wrapping_add_signed(ahead.0).wrapping_sub(*entry);
         if device.dc == DcCapability::Clock32 {
             device.offset &= u64::from(u32::MAX);
         }

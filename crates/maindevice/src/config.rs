@@ -94,8 +94,8 @@ pub struct Config {
     /// up to 6.5535 s. `None`: the default of the chips, 100 ms. It is a safety function and is
     /// only made longer on request: the plan rejects cycles that are too long for it.
     pub watchdog: Option<Nanos>,
-    /// Largest share of the cycle that acyclic frames may take on the wire, percent, 1..=90.
-    /// Default 40.
+    /// Largest share of the cycle that acyclic frames may take on the wire in operation, percent,
+    /// 1..=90. Default 40. Before operation it is 90.
     pub acyclic_share: u8,
     /// Surveys the segment instead of bringing it into operation: it goes up to PREOP with clocks,
     /// then reports [`Event::Surveyed`](crate::Event::Surveyed). It writes no objects. A fault of

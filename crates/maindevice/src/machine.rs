@@ -262,12 +262,13 @@ impl MainDevice {
 
     /// A frame of procedures, in the time that the frames of the cycle leave.
     fn next_acyclic_frame(&mut self, now: Time<Host>, buffer: &mut [u8]) -> Option<usize> {
+        let operates = matches!(self.activity, Activity::Operating);
         let Self { shared, cycle: Some(cycle), share, config, .. } = self else { return None };
         let shared = in_hand(shared);
         if shared.port.waits_for_quiet(now, cycle.in_flight()) {
             return None;
         }
-        let most = share.room(cycle, config, now, shared.port.first_len()?)?;
+        let most = share.room(cycle, config, operates, now, shared.port.first_len()?)?;
         let len = shared.transmit(now, buffer, most)?;
         share.take(now.max(cycle.through()), len);
         Some(len)

@@ -422,11 +422,12 @@ fn time(bytes: &[u8]) -> Time<Dc> {
     Time::new(bytes.first_chunk().map_or(0, |bytes| u64::from_bytes(*bytes)))
 }
 
-/// The part of a short lead that does not depend on the number of SubDevices.
-const SHORT_LEAD: Nanos = Nanos::millis(20);
-/// The part for each SubDevice: five accesses of some 20 us on the wire, all SubDevices beside each
-/// other.
-const LEAD_PER_DEVICE: Nanos = Nanos::micros(200);
+/// The part of a short lead that does not depend on the number of SubDevices: six ways there and
+/// back, each in a cycle of 1 ms if the host is slow.
+const SHORT_LEAD: Nanos = Nanos::millis(10);
+/// The part for each SubDevice: five accesses of some 2 us on the wire, all SubDevices beside each
+/// other, with a reserve for a small part of the cycle.
+const LEAD_PER_DEVICE: Nanos = Nanos::micros(50);
 
 /// Register 0x0980 bit 0.
 const SYNC_OWNED_BY_PDI: u8 = 1;

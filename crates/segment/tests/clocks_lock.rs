@@ -31,3 +31,27 @@ fn clocks_lock_at_short_and_long_cycles() {
         }
     }
 }
+
+/// A clock 25 ppm off gains 80 ns while its loop learns the speed, and would need another 2000
+/// frames to lose them by the phase of the drift law. It begins as far behind, so it does not.
+#[test]
+fn clocks_begin_as_far_behind_as_they_gain() {
+    for law in ["hold", "block"] {
+        let text = format!(
+            "cycle = \"1ms\"\nhop_jitter = false\ndrift_law = \"{law}\"\nfor = \"1s\"\n\
+             [[subdevice]]\ndevice = \"microchip_samd51_lan9252_ssc\"\nclock = \"0ppm\"\n\
+             [[subdevice]]\ndevice = \"microchip_samd51_lan9252_ssc\"\nclock = \"25ppm\"\n\
+             [[subdevice]]\ndevice = \"microchip_samd51_lan9252_ssc\"\nclock = \"-45ppm\"\n"
+        );
+        let file = SegmentFile::parse("line.toml", &text).expect("a segment file");
+        let outcome = Scenario::from(file).run().execute(None::<NoTap>, &mut |_| {});
+        assert!(outcome.in_sync(), "{law}");
+        let frames = outcome.world.main().statistics().drift_burst;
+        assert!((400..1_000).contains(&frames), "{law}: {frames} drift frames");
+        for device in &outcome.bench.devices()[1..] {
+            let first = device.sync0.as_ref().and_then(|judge| judge.settling().first());
+            let distance = first.expect("edges for a second").difference.abs().0 / 1_000;
+            assert!(distance <= 60, "{law}: {distance} ns at OP");
+        }
+    }
+}

@@ -362,10 +362,16 @@ fn the_start_up_list_is_what_the_run_writes() {
             let station = plan.segment.devices[position].station.0;
             let wire = wire.borrow();
             let mut seen: Vec<_> = wire.0.iter().filter(|(to, ..)| *to == station).collect();
-            // Offset and delay are written twice: first to try what the sign of 0x092C means.
+            // Offset and delay are written twice: first to try what the sign of 0x092C means. Then
+            // the offset is written once more, behind the first drift frame.
             let is_clock = |target: &Target| matches!(target, Target::Register(0x0920 | 0x0928));
             if let Some(tried) = seen.iter().position(|(_, target, _)| is_clock(target)) {
-                seen.drain(tried..tried + 2);
+                let clock: Vec<_> =
+                    seen.drain(tried..tried + 3).map(|(_, target, _)| *target).collect();
+                assert!(clock.iter().all(is_clock), "{clock:x?}");
+                assert_eq!(seen[tried].1, Target::Register(0x0928));
+                assert_eq!(seen[tried + 1].1, Target::Register(0x0920));
+                seen.swap(tried, tried + 1);
             }
             let names = |targets: Vec<Target>| -> String {
                 targets.iter().map(|target| format!("{target:x?}\n")).collect()

@@ -145,10 +145,14 @@ fn a_capture_that_ends_in_the_middle_is_read_up_to_there() {
     let (code, text, _) = isocat(&["diagnose", &cut]);
     assert_eq!(code, Some(0), "{text}");
     assert!(text.contains("not read to its end: the file ends in the middle"), "{text}");
-    // A block whose two lengths differ.
+    // A block whose two lengths differ: the first in the second half of the file.
     let mut damaged = bytes.clone();
-    let middle = damaged.len() / 8 * 4;
-    damaged[middle..middle + 64].fill(0xA5);
+    let mut block = 0;
+    while block < damaged.len() / 2 {
+        let length = damaged[block + 4..].first_chunk().expect("a block has a length");
+        block += u32::from_le_bytes(*length) as usize;
+    }
+    damaged[block..block + 64].fill(0xA5);
     let damaged = folder.write("damaged.pcapng", &damaged);
     let (_, text, _) = isocat(&["diagnose", &damaged]);
     assert!(text.contains("not read to its end: a block is not as it should be"), "{text}");

@@ -12,7 +12,7 @@ use isocat_wire::time::{Host, Nanos, Time};
 use super::drift_frames::{
     Burst, followers, hasten, limits, noise_behind, read_differences, reading_interval,
 };
-use super::pace::{MOVED, Pace};
+use super::pace::{LEAST_NOISE, MOVED, Pace};
 use super::settings::{depths, locking_depth, set_filter};
 use crate::config::Config;
 use crate::error::Cause;
@@ -39,13 +39,9 @@ pub(super) async fn converge(
     let end = begin + config.timeouts.drift;
     let noise = noise_behind(segment, config, locking_depth(segment, config));
     let (difference, speed) = depths(segment, config);
-    let most = followers(segment, reference).iter().map(|(at, _)| noise[*at]).max();
-    let most = most.unwrap_or_default();
-    // What is left of a phase goes with the number of frames, so it goes before intervals become
-    // those of a long cycle. Where hops jitter much, short intervals would teach wrong speeds.
+    let most = most_noise(segment, config, reference);
     let is_short = config.cycle <= SHORT_CYCLE || most >= NOISY;
-    let cycle = if is_short { config.cycle } else { SHORT_CYCLE };
-    let pace = Pace::new(cycle, speed, most);
+    let pace = first_pace(segment, config, reference);
     let hurry = end.min(begin + HURRY);
     let mut led = Led::Far;
     while matches!(led, Led::Far) && link.now() < hurry {
@@ -71,11 +67,34 @@ pub(super) async fn converge(
             after: link.now() - begin,
         });
     }
-    let address = register::TIME_FILTER_DEPTH.address;
-    let count = followers(segment, reference).len() as u16 + 1;
-    link.bwr(address, &[difference]).expect(count).await?;
+    if difference != locking_depth(segment, config) {
+        let address = register::TIME_FILTER_DEPTH.address;
+        let count = followers(segment, reference).len() as u16 + 1;
+        link.bwr(address, &[difference]).expect(count).await?;
+        // Newer chips forget the difference with it, and a loop may take the next one for drift
+        // since then: over a whole cycle that is little, as it is with all others.
+        link.sleep(config.cycle).await;
+    }
     link.board(|board| board.statistics.drift_burst = board.statistics.drift_frames);
     Ok(())
+}
+
+/// The pace with which clocks begin to lock.
+///
+/// What is left of a phase goes with the number of frames, so it goes before intervals become those
+/// of a long cycle. Where hops jitter much, short intervals would teach wrong speeds.
+pub(super) fn first_pace(segment: &Segment, config: &Config, reference: usize) -> Pace {
+    let most = most_noise(segment, config, reference);
+    let is_short = config.cycle <= SHORT_CYCLE || most >= NOISY;
+    let cycle = if is_short { config.cycle } else { SHORT_CYCLE };
+    Pace::new(cycle, depths(segment, config).1, most)
+}
+
+/// The largest noise of 0x092C while clocks lock (1 sigma).
+fn most_noise(segment: &Segment, config: &Config, reference: usize) -> Nanos {
+    let noise = noise_behind(segment, config, locking_depth(segment, config));
+    let most = followers(segment, reference).iter().map(|(at, _)| noise[*at]).max();
+    most.unwrap_or_default()
 }
 
 /// The result of driving the clocks.
@@ -130,22 +149,22 @@ async fn lead(
     let mut begin = link.now();
     if pace.begins_far() {
         let hurry = end.min(begin + APPROACH);
-        approach(link, segment, &clocks, &limits, &mut burst, (begin + pace.learns(), hurry))
-            .await?;
+        let from = begin + pace.settles();
+        approach(link, segment, &clocks, &limits, &mut burst, (from, hurry)).await?;
         begin = link.now() + -pace.learns();
     }
     burst.begin(begin);
     let learned = begin + pace.lasts();
     let window = Nanos(interval.0 * READINGS);
     // Earlier readings would only show that the clocks still move.
-    let mut converged = false;
+    let (mut converged, mut are_near) = (false, false);
     let mut next_reading = (begin + interval).max(learned + Nanos(-window.0));
     loop {
         // While others have the wire, clocks that have converged are read seldom.
         loop {
             let is_late = converged && beside.load(Ordering::Relaxed);
             // There is time to let loops learn their speeds from longer intervals.
-            if is_late {
+            if is_late && are_near {
                 burst.stretch(config.cycle.min(SHORT_CYCLE));
             }
             let due = if is_late { next_reading + RARELY } else { next_reading };
@@ -160,12 +179,19 @@ async fn lead(
         // meanwhile: most of the time is left to what leads them.
         let took = link.now() - asked;
         next_reading = (asked + interval).max(link.now() + Nanos(PULLING_PER_READING * took.0));
-        for (((device, _), judge), (at, difference)) in clocks.iter().zip(&mut judged).zip(readings)
+        // Longer intervals showed a wrong speed, which took a clock away: it comes back first.
+        if converged && !are_near {
+            burst.pause(next_reading - asked);
+        }
+        are_near = true;
+        for ((((device, _), judge), limits), (at, difference)) in
+            clocks.iter().zip(&mut judged).zip(&limits).zip(readings)
         {
             let device = &mut segment.devices[*device];
             let difference = difference.nanos(device.difference_polarity);
             device.difference = Some(difference);
             judge.sample(at, difference);
+            are_near &= is_near(difference, limits);
         }
         converged = judged.iter().all(|one| matches!(one.verdict(), Verdict::Converged { .. }));
         if converged && link.now() >= learned && !beside.load(Ordering::Relaxed) {
@@ -212,12 +238,20 @@ async fn approach(
             let device = &mut segment.devices[*device];
             let difference = difference.nanos(device.difference_polarity);
             device.difference = Some(difference);
-            are_near &= difference.abs().0 <= limits.mean.0 / 2 + 2 * limits.noise.0;
+            are_near &= is_near(difference, limits);
         }
         if are_near || next_reading >= end {
             return Ok(());
         }
     }
+}
+
+/// Whether a reading shows a clock near the reference: half of the mean that is allowed, and what
+/// noise makes of it.
+fn is_near(difference: Nanos, limits: &Limits) -> bool {
+    let noise = limits.noise.max(LEAST_NOISE);
+    let near = (limits.mean.0 / 2 + 3 * noise.0).min(limits.mean.0 + 2 * limits.noise.0);
+    difference.abs().0 <= near
 }
 
 /// The slope, ns per second, with which a clock moves by [`MOVED`] until its loop has corrected it

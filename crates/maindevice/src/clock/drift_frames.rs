@@ -37,6 +37,21 @@ pub(super) fn drift_frame(link: &Link, reference: StationAddress) -> Exchange {
     link.exchange(Command::Frmw, address, guess.count().to_bytes().to_vec(), travel)
 }
 
+/// Sends a drift frame until one comes back. Some may be lost.
+pub(super) async fn drift_frame_that_returns(
+    link: &Link,
+    reference: StationAddress,
+) -> Result<(), AccessError> {
+    let mut tries = 0;
+    while let Err(error) = drift_frame(link, reference).reply().await {
+        tries += 1;
+        if tries > MOST_TRIES {
+            return Err(error);
+        }
+    }
+    Ok(())
+}
+
 /// A stream of drift frames.
 pub(super) struct Burst<'a> {
     link: &'a Link,
@@ -67,6 +82,11 @@ impl<'a> Burst<'a> {
         if let Some(begin) = self.begin {
             self.pace = self.pace.stretched(self.link.now() - begin, cycle);
         }
+    }
+
+    /// Lets intervals stay as they are for this time.
+    pub fn pause(&mut self, span: Nanos) {
+        self.begin = self.begin.map(|begin| begin + span);
     }
 
     /// Sends one frame each pace until `end`. A lost frame does not delay the others.
@@ -207,6 +227,9 @@ fn pace_for(cycle: Nanos) -> Nanos {
 /// suffices for 2000 SubDevices at 50 us, and is below the number of frames that the link has in
 /// flight.
 const IN_FLIGHT: usize = 40;
+
+/// Drift frames that may be lost where one must come back.
+const MOST_TRIES: usize = 3;
 
 /// Time between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.
 const READING_INTERVAL: Nanos = Nanos(2_000_000);

@@ -2,6 +2,8 @@
 
 use alloc::vec::Vec;
 
+use isocat_wire::time::Nanos;
+
 use crate::delay::Times;
 
 /// A line for each clock through its time ahead of the reference clock. It contains less of the
@@ -57,6 +59,16 @@ impl Lines {
         self.first.iter().zip(&self.all).map(entry).collect()
     }
 
+    /// By how much each clock runs ahead of the reference clock in this `span`, ns.
+    pub fn gained_in(&self, span: Nanos) -> Vec<Nanos> {
+        let denominator = self.count * self.xx - self.x * self.x;
+        let gained = |(y, xy): &(i128, i128)| match denominator {
+            0 => Nanos::ZERO,
+            _ => Nanos(((self.count * xy - self.x * y) * i128::from(span.0) / denominator) as i64),
+        };
+        self.all.iter().map(gained).collect()
+    }
+
     /// The reference clock's time from the first latch to this one, ns.
     pub fn reference_since(&self, times: &Times) -> i64 {
         self.since(times, self.reference).unwrap_or_default() as i64
@@ -92,6 +104,7 @@ mod tests {
         // The late latch lifts the line by 24 ns there, and by 8 ns more for each ms after it.
         assert_eq!(lines.at(4_000_000), [4_000_007, 0xFFFF_0000 + 4_000_040 + 24]);
         assert_eq!(lines.at(10_000_000), [10_000_007, 0xFFFF_0000 + 10_000_100 + 8 + 64]);
+        assert_eq!(lines.gained_in(Nanos::millis(3)), [0, 3 * (10 + 8)].map(Nanos));
     }
 
     #[test]
@@ -99,5 +112,6 @@ mod tests {
         let mut lines = Lines::new(0);
         lines.sample(&times([100, 5_000]));
         assert_eq!(lines.at(50), [150, 5_050]);
+        assert_eq!(lines.gained_in(Nanos::millis(3)), [Nanos::ZERO; 2]);
     }
 }

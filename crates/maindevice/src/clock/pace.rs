@@ -58,6 +58,18 @@ impl Pace {
         Nanos(self.part.saturating_mul(self.shortest.0))
     }
 
+    /// The time until what is left to learn is little, and until a loop that sees a mean of
+    /// differences has stopped to swing.
+    pub fn settles(&self) -> Nanos {
+        Nanos(self.learns().0 * 3 / 2)
+    }
+
+    /// The time in which a loop learns its speed but for a part of 1 / e. Its clock gains what it
+    /// drifts in it.
+    pub fn mean(&self) -> Nanos {
+        Nanos(self.learns().0 / MEANS)
+    }
+
     /// The interval when so much time has passed.
     pub fn at(&self, passed: Nanos) -> Nanos {
         Nanos((passed + self.before).0 / self.part).max(self.shortest).min(self.longest)
@@ -94,7 +106,7 @@ const SLOW: Nanos = Nanos(1_000_000);
 pub(super) const MOVED: Nanos = Nanos(20);
 
 /// Noise of the ticks of two clocks behind the filter, with a reserve.
-const LEAST_NOISE: Nanos = Nanos(3);
+pub(super) const LEAST_NOISE: Nanos = Nanos(3);
 
 /// Longest time in which intervals grow.
 const LONGEST: Nanos = Nanos(512_000_000);
@@ -142,6 +154,7 @@ mod tests {
         let pace = Pace::new(Nanos::millis(1), 6, Nanos(3));
         assert_eq!((pace.shortest(), pace.learns()), (SHORTEST, Nanos::micros(12_800)));
         assert_eq!(pace.at(pace.learns()), SHORTEST);
+        assert_eq!((pace.mean(), pace.settles()), (Nanos::micros(3_200), Nanos::micros(19_200)));
         assert!(pace.begins_far());
         // Where intervals can't grow, or have grown, nothing is gained by it.
         assert!(!pace.settled().begins_far());

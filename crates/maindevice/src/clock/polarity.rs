@@ -20,8 +20,6 @@ use crate::segment::Segment;
 /// By how much the delays are too long. It is more than clocks 100 ppm apart drift in the time that
 /// a slow host needs from the latch to here, and so little that it hardly moves a loop.
 const LAG: Nanos = Nanos(20_000);
-/// Drift frames that may be lost.
-const MOST_TRIES: usize = 3;
 
 /// Measures the polarity of every clock but the reference. A clock that does not show the lag keeps
 /// its polarity.
@@ -37,13 +35,7 @@ pub(super) async fn learn(
     let writing = link.now() - begin;
     let clocks: Vec<(usize, StationAddress)> = drift_frames::followers(segment, reference);
     let leader = segment.devices[reference].station;
-    let mut tries = 0;
-    while let Err(error) = drift_frames::drift_frame(link, leader).reply().await {
-        tries += 1;
-        if tries > MOST_TRIES {
-            return Err(error);
-        }
-    }
+    drift_frames::drift_frame_that_returns(link, leader).await?;
     for ((at, _), (_, shown)) in
         clocks.iter().zip(drift_frames::read_differences(link, &clocks).await?)
     {

@@ -10,7 +10,7 @@ use crate::config::Config;
 use crate::delay::{self};
 use crate::error::AccessError;
 use crate::link::Link;
-use crate::segment::Segment;
+use crate::segment::{Segment, SubDevice};
 
 /// Writes delay and offset of every clock and resets its filters; delays are too long by `lag`.
 /// Filter depths are written first, since the write to 0x0930 clears all filters.
@@ -41,6 +41,18 @@ pub(super) async fn write(
     link.bwr(register::TIME_FILTER_DEPTH.address, &depths).expect(count).await?;
     let start = SPEED_COUNTER_START.to_bytes();
     link.bwr(register::SPEED_COUNTER_START.address, &start).expect(count).await?;
+    Ok(())
+}
+
+/// Writes the offset of every clock.
+pub(super) async fn write_offsets(link: &Link, segment: &Segment) -> Result<(), AccessError> {
+    let clocks = segment.devices.iter().filter(|device| device.dc.has_clock());
+    let address = register::SYSTEM_TIME_OFFSET.address;
+    let write = |device: &SubDevice| link.fpwr(device.station, address, &device.offset.to_bytes());
+    let writes: Vec<_> = clocks.map(write).collect();
+    for write in writes {
+        write.expect(1).await?;
+    }
     Ok(())
 }
 

@@ -16,6 +16,9 @@ pub(super) struct Share {
     free: Time<Host>,
 }
 
+/// The share before operation, percent: the most that the configuration may ask for.
+const BEFORE_OPERATION: u8 = 90;
+
 /// Most bytes of an acyclic frame that finds room in each cycle, within the share.
 pub(super) fn most_octets(cycle: &CyclicExchange, config: &Config) -> usize {
     let share = config.cycle.0 * i64::from(config.acyclic_share) / 100;
@@ -42,17 +45,22 @@ impl Share {
     /// next cycle. The first of a cycle may exceed the share, so that long mailboxes fit into short
     /// cycles. A frame that is too long for any cycle is sent nevertheless, since all others would
     /// wait for it; the next cycle is then late.
+    ///
+    /// Before operation, no application waits for the rest of the cycle, so they may have nearly
+    /// all of it.
     pub(super) fn room(
         &mut self,
         cycle: &CyclicExchange,
         config: &Config,
+        operates: bool,
         now: Time<Host>,
         first: usize,
     ) -> Option<usize> {
         if !cycle.is_sent() {
             return None;
         }
-        let share = config.cycle.0 * i64::from(config.acyclic_share) / 100;
+        let percent = if operates { config.acyclic_share } else { BEFORE_OPERATION };
+        let share = config.cycle.0 * i64::from(percent) / 100;
         let fresh = self.cycle != cycle.number();
         if fresh {
             *self = Share { cycle: cycle.number(), left: share, free: self.free };

@@ -625,7 +625,9 @@ impl Device {
     fn look_in_lane(&mut self, at: Time<DeviceClock>, watch: &mut Watcher) {
         let timeout = self.stack.sync_deadline();
         let missed = self.stack.sync().missed_events_total();
-        if self.stack.state() != isocat_wire::AlState::Op || missed != self.missed {
+        let is_in_op = self.stack.state() == isocat_wire::AlState::Op;
+        // A device with a local timer may have SYNC pulses, too.
+        if !is_in_op || missed != self.missed || self.stack.timer().is_some() {
             return self.look(at, watch);
         }
         debug_assert_eq!(timeout, self.stack.next_timeout());

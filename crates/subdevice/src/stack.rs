@@ -382,21 +382,27 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// [`sync_deadline`](Self::sync_deadline), and its state changes only with a call.
     #[inline]
     pub fn is_settled(&self) -> bool {
+        self.stays_in_op() && self.sync.timer().is_none()
+    }
+
+    /// Whether it is in OP, and neither changes its state nor waits for the ESC.
+    #[inline]
+    fn stays_in_op(&self) -> bool {
         self.esm.state == AlState::Op
             && self.esm.error.is_none()
             && self.esm.pending.is_none()
             && self.retry.is_none()
-            && self.sync.timer().is_none()
             && !self.is_emulated()
     }
 
-    /// Whether it is [settled](Self::is_settled), does not misbehave, and its cycle runs as it
-    /// should: then an event accesses only the process data, and only a SYNC pulse can end OP.
+    /// Whether it is [settled](Self::is_settled) but for the timer of Free Run, does not misbehave,
+    /// and its cycle runs as it should: then an event accesses only the process data, and only a
+    /// SYNC pulse can end OP.
     /// Where missed events are the balance of events and pulses, an SM event could end it too:
     /// such a device is never regular.
     #[inline]
     pub fn is_regular(&self) -> bool {
-        self.is_settled()
+        self.stays_in_op()
             && !self.sync.sequence_lost()
             && !self.sync.acknowledges_sync()
             && !self.sync.balances()

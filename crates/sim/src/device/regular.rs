@@ -56,15 +56,25 @@ impl Device {
         }
         loop {
             let Some((frame, sync)) = self.esc.cyclic_dues() else { return Err(Irregular) };
-            let seldom = self.esc.rest_until().min(self.timeout);
-            if seldom <= limit {
+            let (rest, timeout) = (self.esc.rest_until(), self.timeout);
+            if rest <= limit || timeout <= limit && self.stack.timer() != Some(timeout) {
                 return Err(Irregular);
             }
+            // What comes before the tick of a local timer comes first.
+            let until = limit.min(timeout);
             let at = frame.min(sync);
             let due = self.present.due();
             let next = at.min(due);
-            if next > limit {
-                return Ok(next.min(seldom));
+            if next > until {
+                if timeout > limit {
+                    return Ok(next.min(rest).min(timeout));
+                }
+                if let Some(place) = self.timer_tick(timeout, worked, watch)?
+                    && !self.follow(timeout, place, limit.min(self.timeout), worked, watch)
+                {
+                    return Err(Irregular);
+                }
+                continue;
             }
             // What the CPU does at an instant, it does before all that the ESC does then; but where
             // it accesses the ESC, a frame that ends at the instant has ended.
@@ -72,7 +82,7 @@ impl Device {
                 if due == frame {
                     return Err(Irregular);
                 }
-                self.go_on((frame + Nanos(-1)).min(sync).min(limit), worked, watch);
+                self.go_on((frame + Nanos(-1)).min(sync).min(until), worked, watch);
                 continue;
             }
             let started = if frame > sync {
@@ -81,11 +91,33 @@ impl Device {
                 self.frame_end(at, worked, watch)
             };
             if let Some(place) = started?
-                && !self.follow(at, place, limit, worked, watch)
+                && !self.follow(at, place, until, worked, watch)
             {
                 return Err(Irregular);
             }
         }
+    }
+
+    /// The local timer of Free Run ticks; returns the steps that it starts. The main loop runs, too.
+    #[inline(never)]
+    fn timer_tick(
+        &mut self,
+        at: Time<DeviceClock>,
+        worked: &mut Option<Time<DeviceClock>>,
+        watch: &mut Watcher,
+    ) -> Result<Option<Place>, Irregular> {
+        let pdi = &mut self.esc.pdi_in_lane(at);
+        let started = self.stack.handle_event_in_place(at, Event::Timer, pdi, &mut self.prepared);
+        self.stack.poll(at, pdi);
+        *worked = Some(at);
+        self.look(at, watch);
+        if !self.stack.is_regular() {
+            if let Some(place) = started {
+                self.start(at, place);
+            }
+            return Err(Irregular);
+        }
+        Ok(started)
     }
 
     /// The SYNC unit's due time has come; returns the steps that the pulse starts.

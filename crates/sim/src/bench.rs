@@ -10,8 +10,8 @@ use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 use crate::device;
 use crate::judge::inputs_cycle::Fetched;
 use crate::judge::{
-    Grid, HostPhase, InputsCycle, LostPulses, MissedEvents, OutputsCycle, OutputsDelay,
-    OutputsValid, Points, Samples, Sync0Error, SyncMargin, SystemTime,
+    ClockTime, Grid, HostPhase, InputsCycle, LostPulses, MissedEvents, OutputsCycle, OutputsDelay,
+    OutputsValid, Points, Samples, Sync0Error, SyncMargin,
 };
 use crate::observation::{Observation, Observed};
 use crate::sampling::{Sample, Sampling};
@@ -208,8 +208,8 @@ impl Bench {
         self.observe_all(segment, std::slice::from_ref(observation))
     }
 
-    /// Takes events at SubDevices, in their order; returns what was measured of the last one of each
-    /// kind. As a rule several of one SubDevice follow each other.
+    /// Takes events at SubDevices, in their order; returns what was measured of the last one of
+    /// each kind. As a rule several of one SubDevice follow each other.
     pub fn observe_all(&mut self, segment: &Segment, observations: &[Observation]) -> Measured {
         let mut measured = Measured::default();
         let Some(intent) = &self.intent else {
@@ -361,7 +361,7 @@ impl DeviceBench {
     #[inline(always)]
     fn pulse(
         &mut self,
-        reference: Option<SystemTime>,
+        reference: Option<ClockTime>,
         is_sync1: bool,
         (device_at, at): (Time<Device>, Time<True>),
         measured: &mut Measured,

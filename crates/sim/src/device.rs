@@ -15,7 +15,7 @@ use isocat_wire::time::{Dc, Device as DeviceClock, Local, Time, True};
 use isocat_wire::{AlStatusCode, Command};
 
 use crate::cpu::{Action, Cpu, CpuModel};
-use crate::judge::SystemTime;
+use crate::judge::ClockTime;
 use crate::observation::{Content, Observation, Observed};
 use crate::oscillator::{Bend, ClockModel, Oscillator};
 use crate::plant::{Acted, Plant, PlantSetup};
@@ -304,7 +304,7 @@ impl Device {
     }
 
     /// The same, as a reading and what has passed since.
-    pub(crate) fn system_time(&self, at: Time<True>) -> SystemTime {
+    pub(crate) fn system_time(&self, at: Time<True>) -> ClockTime {
         self.tick(self.tick_at(at)).system_time(at)
     }
 
@@ -685,8 +685,8 @@ impl Tick {
 
     /// The system time at a point of true time in it.
     #[inline]
-    pub fn system_time(&self, at: Time<True>) -> SystemTime {
-        SystemTime { shown: self.system.count(), since: at - self.begin }
+    pub fn system_time(&self, at: Time<True>) -> ClockTime {
+        ClockTime { shown: self.system.count(), since: at - self.begin }
     }
 }
 

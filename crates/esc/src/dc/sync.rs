@@ -237,7 +237,7 @@ impl SyncUnit {
     }
 
     /// Handles the earliest due time, if it is a SYNC0 pulse as in regular operation: nothing else
-    /// is planned, the pulse makes an edge, and the next one is not near. Otherwise nothing is done.
+    /// is planned, the pulse makes an edge, and the next one is not near. Otherwise does nothing.
     #[inline(always)]
     pub fn fire_sync0(&mut self, registers: &Registers) -> bool {
         let (bits, cycle) = (registers.load(register::SYNC_ACTIVATION), sync0_cycle(registers));

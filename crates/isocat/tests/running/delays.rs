@@ -255,11 +255,11 @@ fn a_delay_that_changed_is_told_and_put_right_if_wished() {
     for rewrite in [false, true] {
         let mut setup = scenario(FORK).run().setup;
         let every = Nanos::millis(5);
-        setup.config.delay_watch = Some(DelayWatch { every, latches: 4, rewrite });
+        setup.config.delay_watch = Some(DelayWatch { every, latches: 16, rewrite });
         let (mut world, _) = operating(setup);
         let written = world.main().segment().devices[3].delay.expect("measured");
         world.segment_mut().replace_cable(3, isocat_sim::Cable::of_length(10_000));
-        let events = run_for(&mut world, Nanos::millis(100));
+        let events = run_for(&mut world, Nanos::millis(300));
         let changes: Vec<_> = events
             .iter()
             .filter(|event| {

@@ -3,7 +3,7 @@
 use isocat_wire::time::{Picos, Time, True};
 
 use crate::device::{Device, Tick};
-use crate::judge::SystemTime;
+use crate::judge::ClockTime;
 use crate::path::{Arrival, Path};
 use crate::segment::Segment;
 use crate::wiring::MainPort;
@@ -28,7 +28,7 @@ impl<'a> Look<'a> {
 
     /// The system time of the reference clock; `None` without one.
     #[inline]
-    pub fn system_time(&mut self, at: Time<True>) -> Option<SystemTime> {
+    pub fn system_time(&mut self, at: Time<True>) -> Option<ClockTime> {
         let leader = self.leader?;
         let number = leader.tick_at(at);
         let kept = &mut self.ticks[number as usize % TICKS];

@@ -98,7 +98,7 @@ impl Device {
         }
     }
 
-    /// The local timer of Free Run ticks; returns the steps that it starts. The main loop runs, too.
+    /// The timer of Free Run ticks; returns the steps that it starts. The main loop runs, too.
     #[inline(never)]
     fn timer_tick(
         &mut self,

@@ -47,14 +47,14 @@ impl Grid {
 
 /// A point of system time, finer than a clock shows it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct SystemTime {
+pub(crate) struct ClockTime {
     /// What the clock shows, ns.
     pub shown: u64,
     /// What has passed since it began to show that.
     pub since: Picos,
 }
 
-impl SystemTime {
+impl ClockTime {
     /// A point in ps, which is not before time zero.
     pub fn of_ps(ps: i128) -> Self {
         Self { shown: ps.div_euclid(1000) as u64, since: Picos(ps.rem_euclid(1000) as i64) }
@@ -99,7 +99,7 @@ impl Points {
     /// Number of the grid point that is nearest to a point of system time, and the distance from
     /// it: [`Grid::index`] and [`Grid::error`].
     #[inline]
-    pub fn meet(&mut self, time: SystemTime) -> (i64, Picos) {
+    pub fn meet(&mut self, time: ClockTime) -> (i64, Picos) {
         // As a rule it is the point that follows the last one, and nothing is to be divided.
         let Some((point, error)) = self.expected(time) else { return self.find(time.ps()) };
         let number = self.number;
@@ -109,7 +109,7 @@ impl Points {
 
     /// The point that was expected, if it is the nearest one, and the distance from it.
     #[inline]
-    fn expected(&self, time: SystemTime) -> Option<(u64, Picos)> {
+    fn expected(&self, time: ClockTime) -> Option<(u64, Picos)> {
         let point = self.next?;
         let ns = time.shown.wrapping_sub(point) as i64;
         let error = ns.checked_mul(1000)?.checked_add(time.since.0)?;
@@ -165,11 +165,11 @@ mod tests {
                     for ps in (0..12).flat_map(|ns| near.map(|ps| 1_000 * ns + ps)) {
                         let ns = (cycles * cycle + phase + 500 * (ps % 3) - 5) as u64;
                         let (shown, since) = (end.wrapping_add(ns), Picos(ps));
-                        let time = SystemTime { shown, since };
+                        let time = ClockTime { shown, since };
                         let found = (grid.index(time.ps()), grid.error(time.ps()));
                         assert_eq!(points.meet(time), found, "{grid:?} {time:?}");
                         let shown = shown.wrapping_add(cycle as u64);
-                        let next = SystemTime { shown, since };
+                        let next = ClockTime { shown, since };
                         let found = (grid.index(next.ps()), grid.error(next.ps()));
                         assert_eq!(points.clone().meet(next), found, "{grid:?} {next:?}");
                     }
@@ -184,7 +184,7 @@ mod tests {
             let grid = Grid { cycle: Nanos(cycle), phase: Nanos(0) };
             let mut points = Points::new(grid);
             for shown in [5, cycle as u64 + 7, cycle as u64 * 2 - 3] {
-                let time = SystemTime { shown, since: Picos(3) };
+                let time = ClockTime { shown, since: Picos(3) };
                 let number = points.meet(time).0;
                 assert_eq!(number, grid.index(time.ps()));
             }

@@ -2,7 +2,7 @@
 
 use isocat_wire::time::Picos;
 
-use super::{Grid, Points, SystemTime};
+use super::{ClockTime, Grid, Points};
 use crate::statistics::Statistics;
 
 /// Watches the arrival of cyclic frames at the reference clock.
@@ -22,11 +22,11 @@ impl HostPhase {
     /// Takes a cyclic frame that began to enter the reference SubDevice when its system time was
     /// `reference_ps`.
     pub fn frame(&mut self, reference_ps: i128) -> Picos {
-        self.meet(SystemTime::of_ps(reference_ps))
+        self.meet(ClockTime::of_ps(reference_ps))
     }
 
     /// The same for a time as the clock shows it.
-    pub(crate) fn meet(&mut self, reference: SystemTime) -> Picos {
+    pub(crate) fn meet(&mut self, reference: ClockTime) -> Picos {
         let (_, error) = self.points.meet(reference);
         self.statistics.push(error.0);
         self.last = Some(error);

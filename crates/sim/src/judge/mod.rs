@@ -19,7 +19,7 @@ pub mod sync0_error;
 pub mod sync_margin;
 
 pub use grid::Grid;
-pub(crate) use grid::{Points, SystemTime};
+pub(crate) use grid::{ClockTime, Points};
 pub use host_phase::HostPhase;
 pub use inputs_cycle::InputsCycle;
 pub use lost_pulses::LostPulses;

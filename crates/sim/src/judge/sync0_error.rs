@@ -3,7 +3,7 @@
 use isocat_sync::settling::Settling;
 use isocat_wire::time::{Picos, Time, True};
 
-use super::{Grid, Points, SystemTime};
+use super::{ClockTime, Grid, Points};
 use crate::statistics::Statistics;
 
 /// Watches the SYNC0 edges of one SubDevice against the ideal grid of the reference clock.
@@ -37,12 +37,12 @@ impl Sync0Error {
     /// Takes an edge at true time `at`, when the system time of the reference clock was
     /// `reference_ps`; returns its error.
     pub fn edge(&mut self, at: Time<True>, reference_ps: i128) -> Picos {
-        self.meet(at, SystemTime::of_ps(reference_ps)).1
+        self.meet(at, ClockTime::of_ps(reference_ps)).1
     }
 
     /// The same; returns also the number of its grid point.
     #[inline(always)]
-    pub(crate) fn meet(&mut self, at: Time<True>, reference: SystemTime) -> (i64, Picos) {
+    pub(crate) fn meet(&mut self, at: Time<True>, reference: ClockTime) -> (i64, Picos) {
         let (number, error) = self.points.meet(reference);
         let error = self.follow(at, error);
         self.statistics.push(error.0);

@@ -65,32 +65,26 @@ impl Device {
             let at = frame.min(sync);
             let due = self.present.due();
             let next = at.min(due);
-            if next > until {
+            let (at, until, started) = if next > until {
                 if timeout > limit {
                     return Ok(next.min(rest).min(timeout));
                 }
-                if let Some(place) = self.timer_tick(timeout, worked, watch)?
-                    && !self.follow(timeout, place, limit.min(self.timeout), worked, watch)
-                {
-                    return Err(Irregular);
-                }
-                continue;
-            }
-            // What the CPU does at an instant, it does before all that the ESC does then; but where
-            // it accesses the ESC, a frame that ends at the instant has ended.
-            if due <= at {
+                let started = self.timer_tick(timeout, worked, watch)?;
+                (timeout, limit.min(self.timeout), started)
+            } else if due <= at {
+                // What the CPU does at an instant, it does before all that the ESC does then; but
+                // where it accesses the ESC, a frame that ends at the instant has ended.
                 if due == frame {
                     return Err(Irregular);
                 }
                 self.go_on((frame + Nanos(-1)).min(sync).min(until), worked, watch);
                 continue;
-            }
-            let started = if frame > sync {
-                self.pulse(at, worked, watch)
+            } else if frame > sync {
+                (at, until, self.pulse(at, worked, watch)?)
             } else {
-                self.frame_end(at, worked, watch)
+                (at, until, self.frame_end(at, worked, watch)?)
             };
-            if let Some(place) = started?
+            if let Some(place) = started
                 && !self.follow(at, place, until, worked, watch)
             {
                 return Err(Irregular);

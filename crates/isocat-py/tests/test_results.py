@@ -83,7 +83,7 @@ def test_a_capture_is_diagnosed(pair: isocat.Segment, tmp_path: Path) -> None:
     report.captures(tmp_path / "good.pcapng")
     good = isocat.diagnose(tmp_path / "good.pcapng", segment=pair)
     assert not good.found and "axis 1" in str(good)
-    fault = [{"at": "900ms", "what": "pull axis 2"}]
+    fault = [{"at": "in-operation + 200ms", "what": "pull axis 2"}]
     isocat.Segment({**pair.to_dict(), "for": "500ms", "fault": fault}).run().captures(
         tmp_path / "bad.pcapng"
     )

@@ -6,10 +6,11 @@
 
 use isocat_wire::datagram::Layout;
 use isocat_wire::register;
-use isocat_wire::time::Device;
+use isocat_wire::time::{Device, Nanos};
 use isocat_wire::{Command, Time};
 
 use crate::dc::clock::ceil;
+use crate::dc::sync::sync0_cycle;
 use crate::esc::{ECAT_AL_STATUS, Esc};
 use crate::memory::copy;
 use crate::regular::{Area, Areas, Brought, Known, TIME, Usual};
@@ -102,6 +103,18 @@ impl CyclicFrame {
         Self { number, ..self }
     }
 
+    /// Whether it brings the system time, which each ESC takes.
+    pub const fn brings_time(&self) -> bool {
+        self.time.is_some()
+    }
+
+    /// Passes an ESC that only shows it this AL status: see [`Esc::lasting_status`].
+    #[inline]
+    pub const fn collect(&mut self, status: u16) {
+        self.states |= status;
+        self.taken = self.taken.wrapping_add(1);
+    }
+
     /// Looks at the time that it brings to the next ESC; `payload` has its datagrams.
     #[inline]
     pub fn read_time(&mut self, payload: &[u8]) {
@@ -109,6 +122,18 @@ impl CyclicFrame {
         let len = usize::from(len);
         self.brought = Brought { len: len as u8, ..Brought::NONE };
         self.brought.bytes[..len].copy_from_slice(&payload[part.at..][..len]);
+    }
+
+    /// Its part in a cycle: the first frame brings the time, some exchange process data, and the
+    /// last one collects AL status.
+    #[inline]
+    const fn role(&self) -> usize {
+        match (self.time.is_some(), self.status.is_some()) {
+            (true, false) => 0,
+            (false, true) => 1,
+            (true, true) => 2,
+            (false, false) => 3,
+        }
     }
 
     /// Puts AL status of the ESCs that took it at once into the payload, and returns their working
@@ -161,7 +186,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if self.flight.end != Time::NEVER || has_news {
             return None;
         }
-        let mut seen = self.cyclic.seen[frame.number as usize % SEEN];
+        let mut seen = self.cyclic.seen[frame.role()];
         if seen.number != frame.number {
             seen = self.cyclic.look_at(areas, frame, place)?;
         }
@@ -197,6 +222,38 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             self.flight.end = ceil(end());
         }
         Some(self.flight.end)
+    }
+
+    /// AL status that a cyclic frame collects which arrives at `at` and concerns the ESC in no other
+    /// way, if nothing but the frame in flight and SYNC pulses comes before it: at most one pulse,
+    /// if this ESC `bears` one. Such a frame changes nothing, so it need not be
+    /// [passed](Self::pass_cyclic). The PDI must not have changed AL status by then.
+    #[inline]
+    pub fn lasting_status(&self, at: Time<Device>, bears: bool) -> Option<u16> {
+        let is_regular = matches!(self.areas, Known::Usual(_)) && self.cyclic.is_open;
+        let has_news = self.al.ecat_events() & ECAT_AL_STATUS != 0;
+        let rests = self.overdue.is_none() && self.rest_until() > at;
+        if !is_regular || has_news || !rests {
+            return None;
+        }
+        let is_alone = self.dc.sync.due() > at || bears && self.second_pulse() > at;
+        is_alone.then(|| self.registers.load(register::AL_STATUS).0)
+    }
+
+    /// An instant before the second pulse from now on, if SYNC0 alone has pulses.
+    fn second_pulse(&self) -> Time<Device> {
+        if self.dc.sync.only_sync0().is_none() {
+            return Time::ZERO;
+        }
+        // The clock may get slower on the way there.
+        let cycle = sync0_cycle(&self.registers);
+        self.dc.sync.due() + Nanos((cycle - cycle / 16) as i64)
+    }
+
+    /// Whether it is this ESC that sends the time of the frame, `place` ESCs behind the MainDevice.
+    pub fn sends_time_of(&self, frame: &CyclicFrame, place: usize) -> bool {
+        let Known::Usual(areas) = &self.areas else { return false };
+        frame.time.is_some_and(|time| time.is_sent_by(areas, place))
     }
 
     /// Puts its time into the frame in flight, for the ESCs behind it.
@@ -269,14 +326,13 @@ impl Lane {
             sends_time: frame.time.is_some_and(|time| time.is_sent_by(areas, place)),
         };
         if frame.number > 0 {
-            self.seen[frame.number as usize % SEEN] = seen;
+            self.seen[frame.role()] = seen;
         }
         Some(seen)
     }
 }
 
-/// Enough for the frames of a cycle that an ESC has a part in: the first one brings the time, one
-/// has the process data, and the last one collects AL status.
+/// One for each role of a frame.
 const SEEN: usize = 4;
 
 /// What an ESC found out about a frame that it takes.

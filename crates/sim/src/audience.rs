@@ -17,8 +17,9 @@ pub(crate) struct Audience {
     /// Places whose reach may have changed when the next frame comes, and a mark for each place.
     restless: Vec<u32>,
     is_restless: Vec<bool>,
-    /// Whether the indexes below are up to date.
+    /// Whether the indexes below are up to date, and how often they were not.
     indexed: bool,
+    changes: u64,
     /// Station addresses and aliases.
     stations: Vec<(u16, u32)>,
     /// Places sorted by the beginning of their logical addresses, and the furthest end up to each
@@ -41,6 +42,7 @@ impl Audience {
             restless: (0..places as u32).collect(),
             is_restless: vec![true; places],
             indexed: false,
+            changes: 0,
             stations: Vec::with_capacity(2 * places),
             logical: Vec::with_capacity(places),
             furthest: Vec::with_capacity(places),
@@ -71,6 +73,7 @@ impl Audience {
         self.stopping = count(old.stops_circulating, new.stops_circulating, self.stopping);
         self.reaches[place] = new;
         self.indexed = false;
+        self.changes += 1;
     }
 
     /// Marks a place whose reach may change by itself before the next frame comes.
@@ -120,6 +123,11 @@ impl Audience {
         if self.stopping > 0 || items.iter().any(Item::concerns_all) {
             return None;
         }
+        Some(self.gather_some(items).len())
+    }
+
+    /// The places for which a frame is more than datagrams to all.
+    pub fn gather_some(&mut self, items: &[Item]) -> &[u32] {
         self.index();
         self.visits.clear();
         if !items.is_empty() {
@@ -130,7 +138,12 @@ impl Audience {
         }
         self.visits.sort_unstable();
         self.visits.dedup();
-        Some(self.visits.len())
+        &self.visits
+    }
+
+    /// How often the places of a frame may have changed.
+    pub fn changes(&self) -> u64 {
+        self.changes
     }
 
     /// A place of the audience, by its number in the audience.

@@ -188,14 +188,20 @@ impl Bench {
 
     /// Takes a frame that passed the segment; its first bit left the MainDevice at `start`.
     pub fn frame(&mut self, segment: &Segment, bytes: &[u8], start: Time<True>) {
+        let Some(intent) = self.intent.as_ref().filter(|_| is_cyclic(bytes)) else { return };
+        let entry = segment.path().entries.iter().find(|entry| entry.device == intent.reference);
+        if let Some(entry) = entry {
+            self.frame_at(segment, bytes, start + entry.after);
+        }
+    }
+
+    /// The same for a frame that arrived at the reference clock at `at`.
+    pub(crate) fn frame_at(&mut self, segment: &Segment, bytes: &[u8], at: Time<True>) {
         let (Some(intent), Some(judge)) = (&self.intent, &mut self.host_phase) else { return };
         if !is_cyclic(bytes) {
             return;
         }
-        let Some(leader) = leader(self.led, intent, segment) else { return };
-        let entry = segment.path().entries.iter().find(|entry| entry.device == intent.reference);
-        if let Some(entry) = entry {
-            let at = start + entry.after;
+        if let Some(leader) = leader(self.led, intent, segment) {
             judge.meet(leader.system_time(at));
         }
     }
@@ -309,13 +315,11 @@ impl DeviceBench {
             Observed::Sm3 => {
                 // Inputs of unknown origin are not judged, nor those without a way back.
                 if content.latched != Time::ZERO
-                    && let Some(way) = look.way_back(index)
+                    && let at = subject.oscillator().when(device_at)
+                    && let Some(arrive) = look.back(content.frame, index, at)
                 {
-                    let fetched = Fetched {
-                        frame: content.frame,
-                        latched: content.latched,
-                        arrive: subject.oscillator().when(device_at) + way,
-                    };
+                    let fetched =
+                        Fetched { frame: content.frame, latched: content.latched, arrive };
                     let true_time = |at| subject.oscillator().when(at);
                     self.inputs_cycle.fetched(&fetched, &self.binding.inputs, true_time);
                 }

@@ -3,7 +3,6 @@
 
 use isocat_wire::time::{Device as DeviceClock, Time, True};
 
-use crate::datagrams::List;
 use crate::segment::Segment;
 use crate::watcher::Watcher;
 use crate::wiring::MainPort;
@@ -28,12 +27,7 @@ impl Segment {
         {
             self.answer((from, place), begin, payload, times);
         }
-        let List { items, cyclic, .. } = self.datagrams.present_mut();
-        for (number, count) in cyclic.iter_mut().flat_map(|frame| frame.finish(payload)) {
-            if let Some(item) = items.get_mut(number) {
-                item.wkc = item.wkc.wrapping_add(count);
-            }
-        }
+        self.datagrams.present_mut().add_counts(payload);
         true
     }
 

@@ -72,6 +72,17 @@ impl Datagrams {
         Self { lists, present: 0, kept: 0, last: 0, number: 0 }
     }
 
+    /// Where those of the present frame are, if they are kept; they stay there until others of
+    /// [`MOST_KEPT`] frames have been read.
+    pub fn place(&self) -> Option<usize> {
+        Some(self.present).filter(|place| *place > 0)
+    }
+
+    /// Those that are kept at a [place](Self::place).
+    pub fn at(&mut self, place: usize) -> &mut List {
+        &mut self.lists[place]
+    }
+
     /// Those of the present frame.
     pub fn present(&self) -> &List {
         &self.lists[self.present]
@@ -151,26 +162,50 @@ impl List {
         Some(whole)
     }
 
+    /// Adds what the frame counted where SubDevices took it at once to what the others did.
+    pub fn add_counts(&mut self, payload: &mut [u8]) {
+        let Self { items, cyclic, .. } = self;
+        for (number, count) in cyclic.iter_mut().flat_map(|frame| frame.finish(payload)) {
+            if let Some(item) = items.get_mut(number) {
+                item.wkc = item.wkc.wrapping_add(count);
+            }
+        }
+    }
+
+    /// Writes the values that were counted separately into the frame, behind this number of places.
+    pub fn write_counts(&self, payload: &mut [u8], places: usize) {
+        for item in &self.items {
+            let (at, wkc) = (item.layout.start, item.layout.wkc());
+            let address = item.address_at(places);
+            payload[at + 2..at + 6].copy_from_slice(&address.to_le_bytes());
+            payload[at + 8..at + 10].copy_from_slice(&item.irq.to_le_bytes());
+            payload[wkc..wkc + 2].copy_from_slice(&item.wkc.to_le_bytes());
+        }
+    }
+
     /// Reads a frame that has the same datagrams. `false`: it has others.
     fn read_again(&mut self, bytes: &[u8]) -> bool {
         let Some(payload) = self.offset.and_then(|offset| bytes.get(offset..)) else {
             return false;
         };
-        self.items.iter_mut().all(|item| {
-            let Item { layout, header, .. } = *item;
-            let Some(bytes) = payload.get(layout.start..layout.end()) else { return false };
-            let (Some(sent), Some(wkc)) = (bytes.first_chunk::<HEADER_LEN>(), bytes.last_chunk())
-            else {
-                return false;
-            };
+        // Nothing is taken before all of it fits: another frame may still be on its way with this
+        // list.
+        let fits = self.items.iter().all(|item| {
+            let place = item.layout.start..item.layout.wkc() + 2;
+            let sent = payload.get(place).and_then(|bytes| bytes.first_chunk::<HEADER_LEN>());
             // The index and the IRQ field may be others.
-            let [command, _, places @ .., low, high] = *sent;
-            let [command_before, _, places_before @ .., _, _] = header;
-            (item.irq, item.wkc) = (u16::from_le_bytes([low, high]), u16::from_le_bytes(*wkc));
-            command == command_before && places == places_before
-        })
+            let [command_before, _, places_before @ .., _, _] = item.header;
+            sent.is_some_and(|[command, _, places @ .., _, _]| {
+                *command == command_before && *places == places_before
+            })
+        });
+        for item in self.items.iter_mut().filter(|_| fits) {
+            let word = |at: usize| u16::from_le_bytes([payload[at], payload[at + 1]]);
+            (item.irq, item.wkc) = (word(item.layout.start + 8), word(item.layout.wkc()));
+        }
+        fits
     }
 }
 
-/// As many as the frames of a long cycle.
-const MOST_KEPT: usize = 16;
+/// As many as the frames of a cycle of ten thousand SubDevices.
+const MOST_KEPT: usize = 128;

@@ -55,6 +55,8 @@ pub struct Device {
     quiet_until: Time<DeviceClock>,
     /// When the stack must be called.
     timeout: Time<DeviceClock>,
+    /// When the last frame arrived that was not [passed](Self::look_ahead).
+    looked_at: Time<DeviceClock>,
     /// Its ESC.
     pub esc: Esc<Storage>,
     /// Its stack.
@@ -112,6 +114,7 @@ impl Device {
         Self {
             quiet_until: Time::ZERO,
             timeout,
+            looked_at: Time::ZERO,
             esc,
             stack,
             oscillator,
@@ -256,7 +259,7 @@ impl Device {
     /// An instant that is not before the end of the last frame, up to which it has processed all
     /// events. It is not much later either, since the next frame could come before it.
     fn behind_frame(&self, at: Time<DeviceClock>) -> Time<DeviceClock> {
-        self.esc.last_frame().max(at)
+        self.esc.last_frame().max(self.looked_at).max(at)
     }
 
     /// Writes a register like a frame that only this SubDevice sees.
@@ -365,6 +368,25 @@ impl Device {
         self.quiet_until = self.quiet_until.min(due);
         debug_assert!(self.quiet_until <= self.esc.quiet_until());
         true
+    }
+
+    /// AL status that a cyclic frame collects which arrives at `begin` and concerns it in no other
+    /// way, as far as it is known that it will be this one. The frame then changes nothing, so it
+    /// need not be passed, and what happens until then waits.
+    #[inline]
+    pub(crate) fn look_ahead(&mut self, begin: Time<DeviceClock>) -> Option<u16> {
+        if !self.regular || self.timeout <= begin {
+            return None;
+        }
+        let status = self.esc.lasting_status(begin, self.stack.bears_a_miss())?;
+        self.looked_at = begin;
+        Some(status)
+    }
+
+    /// `at`, or the arrival of the last frame that it was not [passed](Self::look_ahead): up to then
+    /// it has processed its events as if it had.
+    pub(crate) fn behind_looks(&self, at: Time<DeviceClock>) -> Time<DeviceClock> {
+        self.looked_at.max(at)
     }
 
     /// Called after ESC or stack may have been changed from outside: all due times are computed

@@ -81,14 +81,26 @@ impl Hop {
         oscillator: impl FnOnce() -> &'a Oscillator,
     ) -> Time<True> {
         let on_average = at.count().wrapping_add(self.on_average);
-        if self.turns == 0 || on_average < u64::from(u32::MAX) {
+        if self.turns == 0 || on_average < NEAR {
             return self.forward_by(on_average, oscillator);
         }
+        self.forward_straight(at)
+    }
+
+    /// Whether the oscillator is straight.
+    #[inline(always)]
+    pub const fn is_straight(&self) -> bool {
+        self.turns != 0
+    }
+
+    /// The same with a [straight](Self::is_straight) oscillator, not [near](NEAR) true time zero.
+    #[inline(always)]
+    pub fn forward_straight(&self, at: Time<True>) -> Time<True> {
         // The later it arrives after an edge, the shorter it waits for the next one. The period of
         // the oscillator differs from that of true time by less than 1 ps.
         let turn = at.count().wrapping_mul(self.turns).wrapping_add(self.turned);
         let behind = ((u128::from(turn) * u128::from(self.period)) >> 64) as u64;
-        Time::new(on_average - behind)
+        Time::new(at.count().wrapping_add(self.on_average).wrapping_sub(behind))
     }
 
     /// The same by an oscillator that is not straight, without edges, or near true time zero.
@@ -114,6 +126,9 @@ impl Hop {
         Time::new(on_average.saturating_sub(behind))
     }
 }
+
+/// Before this point of true time, ps, less than a period may have passed.
+pub(crate) const NEAR: u64 = u32::MAX as u64;
 
 /// The phase of a SubDevice's clock at power-on, ps.
 pub(crate) fn phase(seed: u64, position: usize) -> u64 {

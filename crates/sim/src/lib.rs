@@ -24,6 +24,8 @@
 
 mod audience;
 pub mod bench;
+pub mod buffer;
+pub mod burst;
 pub mod cable;
 pub mod course;
 pub mod cpu;
@@ -46,6 +48,7 @@ pub mod plant;
 pub mod plant_bench;
 pub mod probe;
 pub mod random;
+mod returns;
 pub mod run;
 pub mod sampling;
 pub mod segment;

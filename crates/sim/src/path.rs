@@ -17,7 +17,7 @@ use isocat_wire::dl::DlStatus;
 use isocat_wire::time::{Picos, Time, True};
 
 use crate::disturbance::Line;
-use crate::jitter::{Edges, Hop};
+use crate::jitter::{Edges, Hop, NEAR};
 use crate::oscillator::Oscillator;
 use crate::wiring::{End, MainPort, Wiring};
 
@@ -107,6 +107,45 @@ struct Step {
     place: u32,
 }
 
+impl Step {
+    /// Takes frames to the port, in their order; returns when the last one arrives there.
+    /// `is_near`: it may be near true time zero.
+    #[inline(always)]
+    fn take_all(
+        &self,
+        fellows: &mut [Fellow],
+        is_near: bool,
+        ports: &mut Ports,
+        stations: &impl Stations,
+    ) -> Time<True> {
+        let Self { hop, place } = self;
+        let free = &mut ports.0[*place as usize];
+        if hop.is_straight() && !is_near {
+            return take_each(fellows, free, |at| hop.forward_straight(at));
+        }
+        let device = Ports::device(*place);
+        take_each(fellows, free, |at| hop.forward(at, || stations.oscillator(device)))
+    }
+}
+
+/// Takes frames to a port that is free from `free` on, by the time of the hop to it.
+#[inline(always)]
+fn take_each(
+    fellows: &mut [Fellow],
+    free: &mut Time<True>,
+    hop: impl Fn(Time<True>) -> Time<True>,
+) -> Time<True> {
+    let (mut last, mut until) = (Time::ZERO, *free);
+    for fellow in fellows {
+        let at = hop(fellow.at);
+        last = if until > at { put_off(at, until) } else { at };
+        until = last + fellow.whole;
+        fellow.at = last;
+    }
+    *free = until;
+    last
+}
+
 /// Steps one after another whose arrivals are all entries, or all returns.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Leg {
@@ -168,6 +207,33 @@ impl Ports {
 #[inline(never)]
 fn put_off(at: Time<True>, free: Time<True>) -> Time<True> {
     if free <= at + MOST_PUT_OFF { free } else { at }
+}
+
+/// One of several frames that take a path together.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Fellow {
+    /// When its first bit leaves the MainDevice, and how long it lasts.
+    pub start: Time<True>,
+    pub duration: Picos,
+    /// The same with the gap behind it.
+    whole: Picos,
+    /// When it has arrived at the port that all of them have reached; in the end when it is back.
+    pub at: Time<True>,
+}
+
+impl Fellow {
+    /// A frame at the MainDevice.
+    pub fn new(start: Time<True>, duration: Picos) -> Self {
+        Self { start, duration, whole: duration + LEAST_GAP, at: start }
+    }
+}
+
+/// What frames that take a path together meet there.
+pub(crate) trait Stations {
+    /// The oscillator of a SubDevice.
+    fn oscillator(&self, device: usize) -> &Oscillator;
+    /// The frames have arrived at this place of the entries, which is the one of `device`.
+    fn entered(&mut self, place: usize, device: usize, fellows: &[Fellow]);
 }
 
 /// All arrivals of one frame, in the order of time, and its way back.
@@ -288,5 +354,46 @@ impl Path {
         if self.end.is_some() {
             self.round_trip = at - start + self.last_step;
         }
+    }
+
+    /// Lets frames that leave the MainDevice one behind the other take the path together: at each
+    /// port all of them arrive before the first one goes on. The arrivals and the round trip are
+    /// those of the last one then. The path must have an end.
+    pub(crate) fn time_all(
+        &mut self,
+        fellows: &mut [Fellow],
+        ports: &mut Ports,
+        stations: &mut impl Stations,
+    ) {
+        let (Some(first), Some(last)) = (fellows.first(), fellows.last()) else { return };
+        let (sent, is_near) = (last.start, first.start.count() < NEAR);
+        if self.steps.is_empty() {
+            for (place, entry) in self.entries.iter().enumerate() {
+                fellows.iter_mut().for_each(|fellow| fellow.at = fellow.start + entry.after);
+                stations.entered(place, entry.device, fellows);
+            }
+            fellows.iter_mut().for_each(|fellow| fellow.at = fellow.start + self.round_trip);
+            return;
+        }
+        let mut steps = self.steps.as_slice();
+        let (mut entries, mut returns) =
+            (self.entries.iter_mut().enumerate(), &mut self.returns[..]);
+        fellows.iter_mut().for_each(|fellow| fellow.at = fellow.start);
+        for leg in &self.legs {
+            let taken = steps.split_off(..leg.steps).unwrap_or_default();
+            if leg.entries {
+                for (step, (place, entry)) in taken.iter().zip(entries.by_ref()) {
+                    entry.after = step.take_all(fellows, is_near, ports, stations) - sent;
+                    stations.entered(place, entry.device, fellows);
+                }
+            } else {
+                let reached = returns.split_off_mut(..leg.steps).unwrap_or_default();
+                for (step, arrival) in taken.iter().zip(reached) {
+                    arrival.after = step.take_all(fellows, is_near, ports, stations) - sent;
+                }
+            }
+        }
+        fellows.iter_mut().for_each(|fellow| fellow.at = fellow.at + self.last_step);
+        self.round_trip = fellows.last().map_or(self.round_trip, |last| last.at - last.start);
     }
 }

@@ -8,8 +8,9 @@ use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
 use isocat_wire::{AlStatusCode, Command, frame, register};
 
 use crate::audience::Audience;
+use crate::burst::Burst;
 use crate::cable::{Cable, Direction, Phy};
-use crate::datagrams::Datagrams;
+use crate::datagrams::{Datagrams, List};
 use crate::device::{Device, DeviceSetup};
 use crate::disturbance::{BitError, Cause, Change, Disturbances, Notice, lines};
 use crate::fault::RING_CABLE;
@@ -20,6 +21,7 @@ use crate::oscillator::Bend;
 use crate::path::{Arrival, Loops, Path, Ports, Reception};
 use crate::plant::{Acted, PlantSetup};
 use crate::probe::{Probed, Probes, Sight};
+use crate::returns::Returns;
 use crate::watcher::Watcher;
 use crate::wiring::{End, MainPort, PortTaken, Stay, Wiring};
 
@@ -82,14 +84,14 @@ pub struct Segment {
     pub(crate) wiring: Wiring,
     /// By SubDevice: phase of the clock that takes frames from the wire.
     receive_phases: Vec<u64>,
-    ports: Ports,
+    pub(crate) ports: Ports,
     pub(crate) disturbances: Disturbances,
     /// The way of frames from each MainDevice port, as last computed from the loops.
     pub(crate) paths: [Path; 2],
     /// Whether loops have changed since then.
     pub(crate) stale: bool,
     /// Whether a frame may have changed loops, some of which may still be about to change.
-    unsettled: bool,
+    pub(crate) unsettled: bool,
     /// The audiences of frames from each MainDevice port.
     pub(crate) audiences: [Audience; 2],
     /// The datagrams of the present frame.
@@ -98,7 +100,9 @@ pub struct Segment {
     pub(crate) latched: Vec<bool>,
     any_latched: bool,
     pub(crate) next_frame: NextFrame,
-    last_frame: Option<(MainPort, Time<True>)>,
+    pub(crate) last_frame: Option<(MainPort, Time<True>)>,
+    /// When the last frames came back.
+    pub(crate) returns: Returns,
     /// Send time of the frame of which the present one is a copy.
     pub(crate) copy_of: Option<Time<True>>,
     /// The SubDevices that the followed frame has met, and its arrivals.
@@ -106,7 +110,9 @@ pub struct Segment {
     pub(crate) trail: Vec<Arrival>,
     pub(crate) probes: Probes,
     /// See [`Segment::set_lane`].
-    lane: bool,
+    pub(crate) lane: bool,
+    /// Frames that pass together.
+    pub(crate) burst: Burst,
 }
 
 /// A frame that has come back.
@@ -180,11 +186,13 @@ impl Segment {
             any_latched: false,
             next_frame: NextFrame::new(exists),
             last_frame: None,
+            returns: Returns::new(),
             copy_of: None,
             met: vec![false; count],
             trail: Vec::new(),
             probes: Probes::default(),
             lane: true,
+            burst: Burst::default(),
             receive_phases: (0..count).map(|position| jitter::phase(seed, position)).collect(),
             ports: Ports::new(count),
             wiring,
@@ -494,6 +502,20 @@ impl Segment {
         start: Time<True>,
         watch: &mut Watcher,
     ) -> Result<Returned, Lost> {
+        let fate = self.pass_alone(from, bytes, start, watch);
+        if let Ok(returned) = fate {
+            self.returns.note(self.copy_of.unwrap_or(start), start, returned.last_bit);
+        }
+        fate
+    }
+
+    fn pass_alone(
+        &mut self,
+        from: MainPort,
+        bytes: &mut [u8],
+        start: Time<True>,
+        watch: &mut Watcher,
+    ) -> Result<Returned, Lost> {
         self.settle(start, watch);
         self.datagrams.read(from, bytes);
         self.unsettled |= self.datagrams.present().cyclic.is_none() && may_change_loops(bytes);
@@ -674,7 +696,7 @@ impl Segment {
         self.answer((from, place), begin, payload, (start, end));
     }
 
-    /// Lets a SubDevice answer a parsed frame that arrives there at `begin`.
+    /// Lets a SubDevice answer the present frame, which arrives there at `begin`.
     pub(crate) fn answer(
         &mut self,
         (from, place): (MainPort, usize),
@@ -682,42 +704,13 @@ impl Segment {
         payload: &mut [u8],
         (start, end): (Time<True>, Time<True>),
     ) {
-        let audience = &mut self.audiences[from as usize];
         let entry = self.paths[from as usize].entries[place];
+        let sent = self.copy_of.unwrap_or(start);
         let device = &mut self.devices[entry.device];
-        let esc = &mut device.esc;
-        esc.begin_good_frame(begin);
-        let mut latch = false;
-        for item in &mut self.datagrams.present_mut().items {
-            if !audience.concerns(place, item) {
-                continue;
-            }
-            if let Some(usual) = item.usual {
-                let data = &mut payload[item.layout.data()..item.layout.wkc()];
-                if let Some(count) = esc.answer(usual, item.address_at(place), data) {
-                    item.wkc = item.wkc.wrapping_add(count);
-                    item.irq |= esc.irq();
-                    continue;
-                }
-            }
-            let mut passing = Passing {
-                command: item.command,
-                address: item.address_at(place),
-                irq: item.irq,
-                wkc: item.wkc,
-                data: &mut payload[item.layout.data()..item.layout.wkc()],
-            };
-            latch |= esc.datagram(&mut passing);
-            (item.irq, item.wkc) = (passing.irq, passing.wkc);
-        }
-        let end = device.oscillator().read(end + entry.after);
-        device.esc.close_frame(end, true);
-        if device.esc.reach_is_changing() {
-            audience.disturb(place);
-        }
-        device.touched(self.copy_of.unwrap_or(start));
-        if latch {
-            device.esc.receive_at_port(entry.port, begin);
+        let audience = &mut self.audiences[from as usize];
+        let list = self.datagrams.present_mut();
+        if answer((device, audience, place), begin, (list, payload), (sent, end + entry.after)) {
+            self.devices[entry.device].esc.receive_at_port(entry.port, begin);
             self.latched[entry.device] = true;
             self.any_latched = true;
         }
@@ -764,14 +757,7 @@ impl Segment {
         if self.audiences[from as usize].marks_frames(places) {
             bytes[6] |= frame::LOCALLY_ADMINISTERED;
         }
-        let payload = &mut bytes[offset..];
-        for item in &self.datagrams.present().items {
-            let (at, wkc) = (item.layout.start, item.layout.wkc());
-            let address = item.address_at(places);
-            payload[at + 2..at + 6].copy_from_slice(&address.to_le_bytes());
-            payload[at + 8..at + 10].copy_from_slice(&item.irq.to_le_bytes());
-            payload[wkc..wkc + 2].copy_from_slice(&item.wkc.to_le_bytes());
-        }
+        self.datagrams.present().write_counts(&mut bytes[offset..], places);
     }
 
     /// Latches the return of the frame at the ports of SubDevices that latch its times.
@@ -810,12 +796,13 @@ impl Segment {
         for entry in &self.paths[from as usize].entries {
             let device = &mut self.devices[entry.device];
             let at = device.oscillator().read(start + entry.after);
-            device.advance(at, watch);
+            device.advance(device.behind_looks(at), watch);
         }
     }
 
     /// Called after a change that the audiences do not know: the next frame rebuilds them.
     pub(crate) fn forget_audiences(&mut self) {
+        self.burst.forget();
         self.audiences = [MainPort::Primary, MainPort::Secondary]
             .map(|port| Audience::new(self.paths[port as usize].entries.len()));
     }
@@ -829,7 +816,7 @@ impl Segment {
         }
         for device in &mut self.devices {
             let limit = device.oscillator().read(at);
-            device.advance(limit, watch);
+            device.advance(device.behind_looks(limit), watch);
             self.stale |= device.ports_changed();
         }
     }
@@ -842,12 +829,12 @@ impl Segment {
         for device in &mut self.devices {
             device.disturbed();
             let limit = device.oscillator().read(at);
-            device.advance(limit, watch);
+            device.advance(device.behind_looks(limit), watch);
         }
     }
 
     /// Prepares a frame: applies the links that have changed by then, and computes the new ways.
-    fn settle(&mut self, start: Time<True>, watch: &mut Watcher) {
+    pub(crate) fn settle(&mut self, start: Time<True>, watch: &mut Watcher) {
         while let Some(notice) = self.disturbances.take_notice(start, None) {
             self.notice(notice, true, watch);
         }
@@ -866,7 +853,7 @@ impl Segment {
         let device = &mut self.devices[notice.device];
         let at = device.oscillator().read(notice.at);
         if advance {
-            device.advance(at, watch);
+            device.advance(device.behind_looks(at), watch);
         }
         match notice.change {
             Change::Link { port, link, .. } if device.is_powered() => {
@@ -943,6 +930,48 @@ impl Segment {
         self.find_waiting_ports();
         self.forget_audiences();
     }
+}
+
+/// Lets the SubDevice at a place answer a frame that arrives there at `begin`; `sent`: when its
+/// first bit left the MainDevice. Returns whether it latches the receive times of the frame.
+pub(crate) fn answer(
+    (device, audience, place): (&mut Device, &mut Audience, usize),
+    begin: Time<DeviceClock>,
+    (list, payload): (&mut List, &mut [u8]),
+    (sent, end): (Time<True>, Time<True>),
+) -> bool {
+    let esc = &mut device.esc;
+    esc.begin_good_frame(begin);
+    let mut latch = false;
+    for item in &mut list.items {
+        if !audience.concerns(place, item) {
+            continue;
+        }
+        if let Some(usual) = item.usual {
+            let data = &mut payload[item.layout.data()..item.layout.wkc()];
+            if let Some(count) = esc.answer(usual, item.address_at(place), data) {
+                item.wkc = item.wkc.wrapping_add(count);
+                item.irq |= esc.irq();
+                continue;
+            }
+        }
+        let mut passing = Passing {
+            command: item.command,
+            address: item.address_at(place),
+            irq: item.irq,
+            wkc: item.wkc,
+            data: &mut payload[item.layout.data()..item.layout.wkc()],
+        };
+        latch |= esc.datagram(&mut passing);
+        (item.irq, item.wkc) = (passing.irq, passing.wkc);
+    }
+    let end = device.oscillator().read(end);
+    device.esc.close_frame(end, true);
+    if device.esc.reach_is_changing() {
+        audience.disturb(place);
+    }
+    device.touched(sent);
+    latch
 }
 
 /// Whether a frame writes DL control or resets ESCs. Frames are then followed port by port until

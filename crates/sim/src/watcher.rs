@@ -54,6 +54,11 @@ impl Watcher {
         }
     }
 
+    /// Whether all events are kept, as for somebody who looks on all the time.
+    pub(crate) const fn keeps_everything(&self) -> bool {
+        self.keeps == EVERYTHING
+    }
+
     /// Whether events of this kind are kept.
     #[inline(always)]
     pub(crate) const fn keeps(&self, event: Observed) -> bool {

@@ -3,10 +3,11 @@
 use std::collections::VecDeque;
 
 use isocat_maindevice::{Application, Config, Event, MainDevice, Port, Runner};
-use isocat_wire::frame;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 
 use crate::bench::{Bench, Intent, Measured};
+use crate::buffer::Buffer;
+use crate::burst::Leaving;
 use crate::course::Course;
 use crate::device::DeviceSetup;
 use crate::disturbance::BitError;
@@ -217,6 +218,8 @@ pub struct World<A, T> {
     wake_up: Time<True>,
     returning: VecDeque<Returning>,
     spare: Vec<Buffer>,
+    /// Frames that are to leave the primary port.
+    leaving: Vec<Leaving>,
     /// The events for judges and tap, and whether the tap needs them.
     watcher: Watcher,
     observes: bool,
@@ -236,27 +239,6 @@ struct Returning {
     /// When the program has it.
     delivered: Time<True>,
     frame: Buffer,
-}
-
-/// A buffer for the longest frame, with a frame.
-#[derive(Clone)]
-struct Buffer {
-    bytes: Box<[u8]>,
-    len: usize,
-}
-
-impl Buffer {
-    fn new() -> Self {
-        Self { bytes: vec![0; frame::MAX_LEN].into(), len: 0 }
-    }
-
-    fn frame(&self) -> &[u8] {
-        &self.bytes[..self.len]
-    }
-
-    fn frame_mut(&mut self) -> &mut [u8] {
-        &mut self.bytes[..self.len]
-    }
 }
 
 impl<A: Application, T: Tap> World<A, T> {
@@ -287,6 +269,7 @@ impl<A: Application, T: Tap> World<A, T> {
             wake_up: Time::NEVER,
             returning: VecDeque::with_capacity(64),
             spare: Vec::with_capacity(64),
+            leaving: Vec::with_capacity(64),
             timeline: Timeline::new(setup.faults, setup.seed).with_spares(setup.spares),
             course: None,
             follows_course: false,
@@ -496,8 +479,9 @@ impl<A: Application, T: Tap> World<A, T> {
     /// Sends a frame of another MainDevice, at the same end of the same cable.
     fn send_of_others(&mut self, frame: Foreign) {
         let mut buffer = self.buffer();
-        buffer.len = frame.write(&mut buffer.bytes);
-        let start = self.host.send_of_others(MainPort::Primary, self.now, buffer.len);
+        let len = frame.write(buffer.room());
+        buffer.set_len(len);
+        let start = self.host.send_of_others(MainPort::Primary, self.now, len);
         self.pass(Port::Primary, buffer, (start, start), Harms::default());
     }
 
@@ -519,19 +503,49 @@ impl<A: Application, T: Tap> World<A, T> {
     }
 
     fn transmit(&mut self) {
+        let together = self.tap.is_none() && !self.port_faults.are_any();
         let mut buffer = self.buffer();
         let now = self.host.now(self.now);
-        while let Some(len) = self.runner.poll_transmit(now, &mut buffer.bytes) {
-            buffer.len = len;
-            self.send(Port::Primary, buffer);
+        while let Some(len) = self.runner.poll_transmit(now, buffer.room()) {
+            buffer.set_len(len);
+            if together {
+                let start = self.host.send(MainPort::Primary, self.now, len);
+                self.leaving.push(Leaving::new(buffer, start));
+            } else {
+                self.send(Port::Primary, buffer);
+            }
             buffer = self.buffer();
-            while let Some(len) = self.runner.poll_secondary(&mut buffer.bytes) {
-                buffer.len = len;
+            while let Some(len) = self.runner.poll_secondary(buffer.room()) {
+                self.pass_leaving();
+                buffer.set_len(len);
                 self.send(Port::Secondary, buffer);
                 buffer = self.buffer();
             }
         }
+        self.pass_leaving();
         self.spare.push(buffer);
+    }
+
+    /// Passes the frames that are to leave the primary port through the segment, together if they
+    /// can. No tap looks at them, and no fault waits for them at the port.
+    fn pass_leaving(&mut self) {
+        let mut leaving = core::mem::take(&mut self.leaving);
+        let leader = self.bench.leader();
+        let (from, watch) = (MainPort::Primary, &mut self.watcher);
+        if self.segment.pass_together(from, &mut leaving, leader, watch) {
+            for it in &leaving {
+                self.bench.frame_at(&self.segment, it.frame.frame(), it.arrived);
+            }
+            self.judge();
+            for Leaving { frame, start, fate, .. } in leaving.drain(..) {
+                self.bring_home(Port::Primary, frame, start, fate, Harms::default());
+            }
+        } else {
+            for Leaving { frame, start, .. } in leaving.drain(..) {
+                self.pass(Port::Primary, frame, (start, start), Harms::default());
+            }
+        }
+        self.leaving = leaving;
     }
 
     fn buffer(&mut self) -> Buffer {
@@ -540,7 +554,7 @@ impl<A: Application, T: Tap> World<A, T> {
 
     fn send(&mut self, from: Port, frame: Buffer) {
         let wired = wired(from);
-        let start = self.host.send(wired, self.now, frame.len);
+        let start = self.host.send(wired, self.now, frame.frame().len());
         self.tap(from, start, true, frame.frame());
         let [out, back] = match (from, self.port_faults.are_any()) {
             (Port::Primary, true) => self.port_faults.at_port(),
@@ -560,7 +574,7 @@ impl<A: Application, T: Tap> World<A, T> {
         let copy = out.doubled.then(|| frame.clone());
         self.pass(from, frame, (start, start), back);
         if let Some(copy) = copy {
-            let again = self.host.send_of_others(wired, start, copy.len);
+            let again = self.host.send_of_others(wired, start, copy.frame().len());
             self.pass(from, copy, (start, again), back);
         }
     }
@@ -597,6 +611,18 @@ impl<A: Application, T: Tap> World<A, T> {
             }
         }
         self.judge();
+        self.bring_home(from, frame, start, fate, back);
+    }
+
+    /// Brings a frame that left a port at `start` back to the program, if it comes back.
+    fn bring_home(
+        &mut self,
+        from: Port,
+        frame: Buffer,
+        start: Time<True>,
+        fate: Result<Returned, Lost>,
+        back: Harms,
+    ) {
         match fate {
             Ok(Returned { port, first_bit, last_bit, good: true })
                 if !back.lost && !back.damaged =>

@@ -84,6 +84,12 @@ impl MissedCounter {
         self.count.saturating_add(self.balance.unsigned_abs())
     }
 
+    /// Whether one more missing event would not exceed the limit, with any rule.
+    #[inline]
+    pub const fn bears_a_miss(&self, limit: u16) -> bool {
+        self.count() == 0 && limit > PENALTY
+    }
+
     /// Whether the device must leave OP because too many events are missing.
     #[inline]
     pub fn exceeded(&self, rule: MissedEvents, limit: u16) -> bool {

@@ -44,6 +44,13 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
     }
 
+    /// Whether its AL status stays as it is at the next SYNC pulse, if the device is
+    /// [regular](Self::is_regular) and its [`sync_deadline`](Self::sync_deadline) is behind that.
+    #[inline]
+    pub fn bears_a_miss(&self) -> bool {
+        self.sync.bears_a_miss()
+    }
+
     /// Whether [`whole_step`](Self::whole_step) may do the steps that events start: the device
     /// measures no times, and its outputs have no toggle bit. As long as the steps of an event
     /// are kept as they are, this does not change.

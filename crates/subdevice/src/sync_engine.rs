@@ -490,6 +490,12 @@ impl SyncEngine {
         self.mode().uses_dc() && self.missed.exceeded(self.settings.rule, self.settings.limit)
     }
 
+    /// Whether a SYNC0 pulse for which outputs are missing leaves the device in OP.
+    #[inline]
+    pub(crate) fn bears_a_miss(&self) -> bool {
+        !self.mode().uses_sync1() && self.missed.bears_a_miss(self.settings.limit)
+    }
+
     /// Whether each used SYNC signal has come since SAFEOP was entered.
     pub(crate) fn sync_seen(&self) -> bool {
         self.last_sync0.is_some() && (self.last_sync1.is_some() || !self.mode().uses_sync1())

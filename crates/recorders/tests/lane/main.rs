@@ -8,6 +8,7 @@
 //! isocat-recorders --test lane -- --nocapture` runs more; `ISOCAT_SEGMENTS_FROM` sets the number
 //! of the first one.
 
+mod bulk;
 #[path = "../../../isocat/tests/random_segments/generator.rs"]
 #[allow(dead_code, reason = "whether devices are honest is another test's concern")]
 mod generator;
@@ -94,8 +95,22 @@ fn try_one(name: &str, text: &str) -> Result<bool, String> {
     Err(format!("{name}: {differ:?} differ\n{}\n{}\n{text}", short.1, long.1))
 }
 
-/// Runs all scenarios, two at a time; returns how many were judged, and what differed.
+/// A number from the environment.
+fn number(name: &str, otherwise: u64) -> u64 {
+    let text = std::env::var(name).ok();
+    text.map_or(otherwise, |text| text.parse().expect("a number of scenarios"))
+}
+
+/// Runs all scenarios; returns how many were judged, and what differed.
 fn try_all(all: &[(String, String)]) -> (usize, Vec<String>) {
+    try_each(all, try_one)
+}
+
+/// Tries all scenarios, two at a time; returns how many did what is wanted, and what differed.
+fn try_each(
+    all: &[(String, String)],
+    try_one: impl Fn(&str, &str) -> Result<bool, String> + Sync,
+) -> (usize, Vec<String>) {
     let next = AtomicU64::new(0);
     let results = Mutex::new((0, Vec::new()));
     let work = || {
@@ -112,18 +127,14 @@ fn try_all(all: &[(String, String)]) -> (usize, Vec<String>) {
         }
     };
     std::thread::scope(|scope| {
-        scope.spawn(work);
-        scope.spawn(work);
+        scope.spawn(&work);
+        scope.spawn(&work);
     });
     results.into_inner().expect("no thread panicked")
 }
 
 #[test]
 fn random_scenarios_are_the_same_without_the_lane() {
-    let number = |name: &str, otherwise: u64| {
-        let text = std::env::var(name).ok();
-        text.map_or(otherwise, |text| text.parse().expect("a number of scenarios"))
-    };
     let from = number("ISOCAT_SEGMENTS_FROM", 0);
     let count = number("ISOCAT_SEGMENTS", FEW);
     let all: Vec<_> =

@@ -31,7 +31,21 @@ impl Digest {
         hasher.finish()
     }
 
-    fn value(&self) -> u64 {
+    /// Adds the state of all SubDevices.
+    pub fn look(&mut self, segment: &Segment) {
+        for device in segment.devices() {
+            let esc = &device.esc;
+            self.add(&esc.registers());
+            self.add(esc.ram());
+            let at = (esc.next_event(), esc.reach());
+            self.debug(&(at, esc.label(2), esc.label(3), esc.sync_pulses_without_edge()));
+            self.debug(&(device.stack.state(), device.stack.status_code()));
+            self.debug(&(device.stack.next_timeout(), device.stack.sync()));
+        }
+    }
+
+    /// The digest of all that was added.
+    pub fn value(&self) -> u64 {
         self.0.lock().expect("no thread panicked").finish()
     }
 
@@ -110,14 +124,9 @@ impl Witness {
     /// Adds the state of all SubDevices to the digest.
     fn look(&mut self, segment: &Segment) {
         for device in segment.devices() {
-            let esc = &device.esc;
-            self.devices.add(&esc.registers());
-            self.devices.add(esc.ram());
-            let at = (esc.next_event(), esc.last_frame(), esc.reach(), device.is_quiet());
-            self.devices.debug(&(at, esc.label(2), esc.label(3), esc.sync_pulses_without_edge()));
-            self.devices.debug(&(device.stack.state(), device.stack.status_code()));
-            self.devices.debug(&(device.stack.next_timeout(), device.stack.sync()));
+            self.devices.debug(&(device.esc.last_frame(), device.is_quiet()));
         }
+        self.devices.look(segment);
     }
 
     fn taps(&mut self) -> [&mut dyn Tap; 4] {

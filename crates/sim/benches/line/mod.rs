@@ -12,9 +12,12 @@ mod mailbox;
 
 use isocat_esc::LAN9252;
 use isocat_maindevice::{AssumedTimes, Config, DeviceConfig, Event, Motion};
+use isocat_sim::buffer::Buffer;
+use isocat_sim::burst::Leaving;
 use isocat_sim::segment::Segment;
 use isocat_sim::{
-    Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Setup, Tap, Watcher, World,
+    Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, MainPort, Setup, Tap, Watcher,
+    World,
 };
 use isocat_subdevice::description::{Behaviour, Description, ProcessDataArea};
 use isocat_subdevice::io::IoOf;
@@ -92,8 +95,10 @@ pub struct Line {
     now: Time<True>,
     /// Cycles begin here and at all multiples of the cycle after it.
     origin: Time<True>,
-    /// The frames of a cycle as they are sent, and a buffer for one in flight.
+    /// The frames of a cycle as they are sent, and on their way.
     frames: Vec<Vec<u8>>,
+    leaving: Vec<Leaving>,
+    /// Room for another one.
     buffer: Vec<u8>,
     number: u8,
 }
@@ -120,13 +125,16 @@ impl Line {
     fn of(connections: Vec<Connection>, description: &Description) -> Self {
         let count = connections.len();
         let segment = Segment::new(connections, 1);
+        let frames = cyclic_frames(count);
+        let leaving = frames.iter().map(|_| Leaving::new(Buffer::new(), Time::ZERO)).collect();
         let mut line = Self {
             segment,
             count,
             cycle: cycle_of(count).into(),
             now: Time::new(1_000_000_000),
             origin: Time::ZERO,
-            frames: cyclic_frames(count),
+            frames,
+            leaving,
             buffer: Vec::with_capacity(frame::MAX_LEN),
             number: 0,
         };
@@ -169,7 +177,7 @@ impl Line {
     pub fn moved_cycle(&mut self, by: Picos, watch: &mut Watcher) -> &[u8] {
         self.now += by;
         self.exchange_watched(false, watch);
-        &self.buffer
+        self.leaving.last().map_or(&[], |leaving| leaving.frame.frame())
     }
 
     /// Asserts that every SubDevice is in this state.
@@ -197,30 +205,36 @@ impl Line {
         let start = self.now;
         let mut at = start;
         self.number = self.number.wrapping_add(1);
-        for number in 0..self.frames.len() {
-            self.buffer.clear();
-            self.buffer.extend_from_slice(&self.frames[number]);
-            let offset = frame::payload_offset(&self.buffer).expect("a frame of datagrams");
+        for (frame, leaving) in self.frames.iter().zip(&mut self.leaving) {
+            leaving.frame.room()[..frame.len()].copy_from_slice(frame);
+            leaving.frame.set_len(frame.len());
+            let bytes = leaving.frame.frame_mut();
+            let offset = frame::payload_offset(bytes).expect("a frame of datagrams");
             let mut layouts = Layouts::new();
-            while let Some(Ok(layout)) = layouts.next(&self.buffer[offset..]) {
+            while let Some(Ok(layout)) = layouts.next(&bytes[offset..]) {
                 if layout.header.command() == Ok(Command::Lrw) {
-                    self.buffer[offset + layout.data()..offset + layout.wkc()].fill(self.number);
+                    bytes[offset + layout.data()..offset + layout.wkc()].fill(self.number);
                 }
             }
-            let end = self.segment.pass(&mut self.buffer, at, watch);
-            let end = end.expect("no cable is disturbed").last_bit;
+            leaving.start = at;
+            at += Picos((frame.len() + frame::WIRE_OVERHEAD) as i64 * 80_000);
+        }
+        self.segment.pass_all(MainPort::Primary, &mut self.leaving, watch);
+        for number in 0..self.leaving.len() {
+            let leaving = &self.leaving[number];
+            let end = leaving.fate.expect("no cable is disturbed").last_bit;
+            assert!(end > leaving.start || self.count < 100);
             if check {
                 self.check(number);
             }
-            at += Picos((self.buffer.len() + frame::WIRE_OVERHEAD) as i64 * 80_000);
-            assert!(end > at || self.count < 100);
         }
         assert!(at - start < self.cycle, "the frames do not fit the cycle");
         self.now = start + self.cycle;
     }
 
     fn check(&self, frame: usize) {
-        let payload = frame::payload(&self.buffer).expect("a frame of datagrams");
+        let payload =
+            frame::payload(self.leaving[frame].frame.frame()).expect("a frame of datagrams");
         for datagram in isocat_wire::datagram::datagrams(payload) {
             let datagram = datagram.expect("a whole datagram");
             let devices = match datagram.header.command() {

@@ -5,6 +5,7 @@ use isocat_wire::time::{Picos, Time, True};
 use crate::device::{Device, Tick};
 use crate::judge::ClockTime;
 use crate::path::{Arrival, Path};
+use crate::returns::Returns;
 use crate::segment::Segment;
 use crate::wiring::MainPort;
 
@@ -18,12 +19,16 @@ pub(super) struct Look<'a> {
     /// Ticks of the reference clock that were read, by the last digits of their number: the pulses
     /// of a cycle come within a few ticks.
     ticks: [Tick; TICKS],
+    returns: &'a Returns,
+    /// The frame whose return was found last: as a rule that of the next SubDevice, too.
+    found: (Time<True>, Time<True>),
 }
 
 impl<'a> Look<'a> {
     pub fn new(segment: &'a Segment, leader: Option<&'a Device>) -> Self {
         let paths = [MainPort::Primary, MainPort::Secondary].map(|port| segment.path_from(port));
-        Self { paths, leader, ticks: [Tick::NONE; TICKS] }
+        let found = (Time::NEVER, Time::NEVER);
+        Self { paths, leader, ticks: [Tick::NONE; TICKS], returns: &segment.returns, found }
     }
 
     /// The system time of the reference clock; `None` without one.
@@ -38,10 +43,26 @@ impl<'a> Look<'a> {
         Some(kept.system_time(at))
     }
 
+    /// When a frame came back that left at `frame` and passed a SubDevice at `at`; if it was lost,
+    /// when it would have come back. `None`: there is no way back.
+    #[inline]
+    pub fn back(&mut self, frame: Time<True>, device: usize, at: Time<True>) -> Option<Time<True>> {
+        let (known, back) = self.found;
+        if known == frame && !self.returns.have_copies() {
+            return Some(back);
+        }
+        match self.returns.find(frame, at) {
+            Some(back) => {
+                self.found = (frame, back);
+                Some(back)
+            }
+            None => self.way_back(device).map(|way| at + way),
+        }
+    }
+
     /// Time from a SubDevice to the MainDevice, for a frame that passed the SubDevice; `None` if it
     /// has no way back.
-    #[inline]
-    pub fn way_back(&self, device: usize) -> Option<Picos> {
+    fn way_back(&self, device: usize) -> Option<Picos> {
         // Most segments are lines, in which places are positions.
         match self.paths[0].entries.get(device) {
             Some(entry) if entry.device == device => Some(rest(self.paths[0], entry)),

@@ -1,0 +1,293 @@
+//! Frames of a cycle that follow each other pass the segment together.
+//!
+//! A frame meets a SubDevice as the frames before it have left it, and no frame meets another one.
+//! So it makes no difference whether one frame after the other passes all SubDevices, or all frames
+//! pass one SubDevice after the other; but the second way comes to each of them once in a cycle,
+//! which is what a long segment costs.
+
+use isocat_esc::CyclicFrame;
+use isocat_wire::frame;
+use isocat_wire::time::{Nanos, Picos, Time, True};
+
+use crate::audience::Audience;
+use crate::buffer::Buffer;
+use crate::datagrams::{Datagrams, Item};
+use crate::device::Device;
+use crate::flight::duration;
+use crate::oscillator::Oscillator;
+use crate::path::{Fellow, Stations};
+use crate::segment::{Lost, Returned, Segment, answer};
+use crate::watcher::Watcher;
+use crate::wiring::MainPort;
+
+/// A frame that leaves the MainDevice together with others.
+#[derive(Debug)]
+pub struct Leaving {
+    /// The frame.
+    pub frame: Buffer,
+    /// When its first bit leaves.
+    pub start: Time<True>,
+    /// What becomes of it.
+    pub fate: Result<Returned, Lost>,
+    /// When it arrived at the [followed](Segment::pass_together) SubDevice.
+    pub arrived: Time<True>,
+}
+
+impl Leaving {
+    /// A frame whose first bit leaves at `start`.
+    pub fn new(frame: Buffer, start: Time<True>) -> Self {
+        Self { frame, start, fate: Err(Lost::Circulates), arrived: Time::NEVER }
+    }
+}
+
+/// What is kept from burst to burst.
+#[derive(Default, Debug)]
+pub(crate) struct Burst {
+    /// The places of the frames' datagrams, and their numbers the last time.
+    lists: Vec<usize>,
+    known: Vec<usize>,
+    /// The changes of the audience then; `None` if the visits are not known.
+    changes: Option<u64>,
+    /// All visits, by place and then in the order of the frames.
+    visits: Vec<Visit>,
+    fellows: Vec<Fellow>,
+    /// Number of frames that passed together.
+    passed: u64,
+}
+
+/// One frame at one place.
+#[derive(Clone, Copy, Debug)]
+struct Visit {
+    place: u32,
+    frame: u16,
+    /// The frame only collects AL status there.
+    looks: bool,
+}
+
+impl Burst {
+    /// Called when other places may be visited.
+    pub fn forget(&mut self) {
+        self.changes = None;
+    }
+
+    /// Finds the visits of the frames, if they are not known.
+    fn find_visits(&mut self, datagrams: &mut Datagrams, audience: &mut Audience, places: usize) {
+        if self.changes == Some(audience.changes()) && self.known == self.lists {
+            return;
+        }
+        self.visits.clear();
+        for (frame, list) in (0..).zip(&self.lists) {
+            let list = datagrams.at(*list);
+            let some = audience.gather_some(&list.items);
+            let brings_time = list.cyclic.as_ref().is_some_and(CyclicFrame::brings_time);
+            if brings_time || list.items.iter().any(Item::concerns_all) {
+                let mut some = some.iter().copied().peekable();
+                self.visits.extend((0..places as u32).map(|place| {
+                    let looks = some.next_if_eq(&place).is_none() && !brings_time;
+                    Visit { place, frame, looks }
+                }));
+            } else {
+                let visit = |place: &u32| Visit { place: *place, frame, looks: false };
+                self.visits.extend(some.iter().map(visit));
+            }
+        }
+        self.visits.sort_unstable_by_key(|visit| (visit.place, visit.frame));
+        self.changes = Some(audience.changes());
+        self.known.clone_from(&self.lists);
+    }
+}
+
+impl Segment {
+    /// Passes frames that leave a port one behind the other, as
+    /// [`pass_from`](Segment::pass_from) does with one after the other; [`fate`](Leaving::fate)
+    /// says what became of each.
+    pub fn pass_all(&mut self, from: MainPort, frames: &mut [Leaving], watch: &mut Watcher) {
+        if self.pass_together(from, frames, None, watch) {
+            return;
+        }
+        for leaving in frames {
+            let (bytes, start) = (leaving.frame.frame_mut(), leaving.start);
+            leaving.fate = self.pass_from(from, bytes, start, watch);
+        }
+    }
+
+    /// Number of frames that passed together with others.
+    pub fn passed_together(&self) -> u64 {
+        self.burst.passed
+    }
+
+    /// The same, if all frames are cyclic and nothing comes in their way; SubDevice after SubDevice
+    /// takes all of them. `followed`: the one whose [arrivals](Leaving::arrived) are noted; it must
+    /// be the one that sends the system time. `false`: nothing was done.
+    pub(crate) fn pass_together(
+        &mut self,
+        from: MainPort,
+        frames: &mut [Leaving],
+        followed: Option<usize>,
+        watch: &mut Watcher,
+    ) -> bool {
+        let [first, .., last] = &*frames else { return false };
+        let (start, end) = (first.start, last.start);
+        self.settle(start, watch);
+        if !self.is_free(from, start, end) || !self.read_all(from, frames) {
+            return false;
+        }
+        let Self { devices, paths, audiences, datagrams, ports, burst, stale, returns, .. } = self;
+        let (path, audience) = (&mut paths[from as usize], &mut audiences[from as usize]);
+        let places = path.entries.len();
+        if let Some(followed) = followed {
+            let place = path.entries.iter().position(|entry| entry.device == followed);
+            let sends = |list: &usize| {
+                let frame = datagrams.at(*list).cyclic.as_ref().filter(|it| it.brings_time());
+                let sends =
+                    |place| frame.is_none_or(|it| devices[followed].esc.sends_time_of(it, place));
+                place.is_some_and(sends)
+            };
+            if !burst.lists.iter().all(sends) {
+                return false;
+            }
+        }
+        burst.find_visits(datagrams, audience, places);
+        let Burst { lists, visits, fellows, .. } = burst;
+        fellows.clear();
+        for (leaving, list) in frames.iter_mut().zip(&*lists) {
+            let duration = duration(leaving.frame.frame().len());
+            fellows.push(Fellow::new(leaving.start, duration));
+            let list = datagrams.at(*list);
+            if let (Some(offset), Some(frame)) = (list.offset, &mut list.cyclic) {
+                frame.read_time(&leaving.frame.frame()[offset..]);
+            }
+        }
+        let mut crossing = Crossing {
+            devices,
+            audience,
+            datagrams,
+            stale,
+            lists,
+            visits,
+            frames,
+            followed,
+            looks_ahead: !watch.keeps_everything(),
+            watch,
+        };
+        path.time_all(fellows, ports, &mut crossing);
+        let marks = audience.marks_frames(places);
+        let Some(port) = path.end else { return true };
+        for ((leaving, list), fellow) in frames.iter_mut().zip(lists).zip(fellows) {
+            let list = datagrams.at(*list);
+            let bytes = leaving.frame.frame_mut();
+            if marks {
+                bytes[6] |= frame::LOCALLY_ADMINISTERED;
+            }
+            if let Some(offset) = list.offset {
+                list.add_counts(&mut bytes[offset..]);
+                list.write_counts(&mut bytes[offset..], places);
+            }
+            let (first_bit, last_bit) = (fellow.at, fellow.at + fellow.duration);
+            returns.note(leaving.start, leaving.start, last_bit);
+            leaving.fate = Ok(Returned { port, first_bit, last_bit, good: true });
+        }
+        self.last_frame = Some((from, end));
+        self.burst.passed += frames.len() as u64;
+        true
+    }
+
+    /// Whether frames that leave a port from `start` until `end` find the segment as it is, and
+    /// nothing looks at them on their way.
+    fn is_free(&self, from: MainPort, start: Time<True>, end: Time<True>) -> bool {
+        let (path, audience) = (&self.paths[from as usize], &self.audiences[from as usize]);
+        // By far later than the last one is back.
+        let back = end + (path.round_trip + path.round_trip) + Picos::from(Nanos::millis(1));
+        let is_whole = path.end.is_some() && path.processed_first && !path.entries.is_empty();
+        let is_calm = !self.unsettled && audience.restless() == 0 && !audience.stops_circulating();
+        let sees_nobody = self.probes.are_none() && !self.probes.are_in_cables();
+        self.lane
+            && is_whole
+            && is_calm
+            && sees_nobody
+            && !self.next_frame.exists()
+            && self.copy_of.is_none()
+            && self.disturbances.are_quiet(start, back)
+    }
+
+    /// Reads the datagrams of all frames. `false`: a frame is not cyclic, or like another one.
+    fn read_all(&mut self, from: MainPort, frames: &[Leaving]) -> bool {
+        self.burst.lists.clear();
+        for leaving in frames {
+            self.datagrams.read(from, leaving.frame.frame());
+            let Some(place) = self.datagrams.place() else { return false };
+            if self.burst.lists.contains(&place) {
+                return false;
+            }
+            self.burst.lists.push(place);
+        }
+        true
+    }
+}
+
+/// Frames on their way through the segment.
+struct Crossing<'a> {
+    devices: &'a mut [Device],
+    audience: &'a mut Audience,
+    datagrams: &'a mut Datagrams,
+    stale: &'a mut bool,
+    lists: &'a [usize],
+    /// The visits that are to come.
+    visits: &'a [Visit],
+    frames: &'a mut [Leaving],
+    followed: Option<usize>,
+    /// Whether nobody looks on all the time, who would see events later than they happen.
+    looks_ahead: bool,
+    watch: &'a mut Watcher,
+}
+
+impl Stations for Crossing<'_> {
+    fn oscillator(&self, device: usize) -> &Oscillator {
+        self.devices[device].oscillator()
+    }
+
+    fn entered(&mut self, place: usize, device: usize, fellows: &[Fellow]) {
+        if self.followed == Some(device) {
+            for (leaving, fellow) in self.frames.iter_mut().zip(fellows) {
+                leaving.arrived = fellow.at;
+            }
+        }
+        while let Some((visit, more)) = self.visits.split_first()
+            && visit.place as usize == place
+        {
+            self.visits = more;
+            self.visit(*visit, device, &fellows[usize::from(visit.frame)]);
+        }
+    }
+}
+
+impl Crossing<'_> {
+    #[inline(always)]
+    fn visit(&mut self, visit: Visit, device: usize, fellow: &Fellow) {
+        let Self { devices, audience, datagrams, stale, watch, .. } = self;
+        let (place, number) = (visit.place as usize, usize::from(visit.frame));
+        let device = &mut devices[device];
+        let list = datagrams.at(self.lists[number]);
+        let (Some(frame), Some(offset)) = (&mut list.cyclic, list.offset) else { return };
+        let begin = device.oscillator().read(fellow.at);
+        if visit.looks
+            && self.looks_ahead
+            && let Some(status) = device.look_ahead(begin)
+        {
+            return frame.collect(status);
+        }
+        device.advance(begin, watch);
+        **stale |= device.ports_changed();
+        audience.update(place, device.esc.reach_version(), || device.esc.reach());
+        let payload = &mut self.frames[number].frame.frame_mut()[offset..];
+        let end = fellow.at + fellow.duration;
+        if !device.pass_cyclic(begin, end, fellow.start, frame, place, payload) {
+            let latches =
+                answer((device, audience, place), begin, (list, payload), (fellow.start, end));
+            debug_assert!(!latches, "a cyclic frame writes no receive times");
+            if let Some(frame) = &mut list.cyclic {
+                frame.read_time(payload);
+            }
+        }
+    }
+}

@@ -145,14 +145,33 @@ impl Plan {
         self.len = joined as u8;
     }
 
-    /// Becomes the plan of a sequence.
+    /// Adds the steps of an event, each with the times of its beginning and its end. `in_order`:
+    /// each ends before the next one begins, and there is nothing else.
+    fn add(&mut self, steps: impl Iterator<Item = (Step, Nanos, Nanos)>, in_order: bool) {
+        if in_order {
+            for (part, (step, after, until)) in self.parts.iter_mut().zip(steps) {
+                *part = Part { after, until, what: What::Step(step) };
+                self.len += 1;
+            }
+            return;
+        }
+        for (step, begin, end) in steps {
+            self.insert(begin, Action::Begin(step));
+            self.insert(end, Action::Finish(step));
+        }
+        self.join();
+    }
+
+    /// Becomes the plan of the steps of an event.
     pub fn take_sequence(&mut self, sequence: &Sequence) {
         self.len = 0;
-        for (part, span) in self.parts.iter_mut().zip(sequence.spans()) {
-            let Some(step) = span.step else { break };
-            *part = Part { after: span.after(), until: span.until(), what: What::Step(step) };
-            self.len += 1;
-        }
+        let spans = sequence.spans().iter().take_while(|span| span.step.is_some());
+        // What begins at an instant stands in the order of the steps, not in that of their ends.
+        let all = (0..spans.clone().count()).filter_map(|number| {
+            let span = spans.clone().find(|span| usize::from(span.number) == number)?;
+            Some((span.step?, span.after(), span.until()))
+        });
+        self.add(all, sequence.in_order);
     }
 
     /// One of the parts.
@@ -162,12 +181,16 @@ impl Plan {
     }
 }
 
-/// A plan of which each step ends before the next one begins.
+/// The times of the steps of an event, in the order in which the steps end.
 #[derive(Clone, Copy, Debug)]
 pub struct Sequence {
-    /// The steps in order; the rest has none.
+    /// The steps, up to the first one that is none.
     spans: [Span; MAX_STEPS + 1],
     end: u32,
+    /// Whether each step ends before the next one begins.
+    in_order: bool,
+    /// See [`Sequence::is_whole`].
+    whole: bool,
 }
 
 /// A step with the times from the event to its beginning and its end, ns.
@@ -175,8 +198,8 @@ pub struct Sequence {
 pub struct Span {
     /// The step; `None` behind the last one.
     pub step: Option<Step>,
-    /// Its place in the sequence.
-    pub number: u8,
+    /// Its number among the steps of the event.
+    number: u8,
     after: u32,
     until: u32,
 }
@@ -196,21 +219,50 @@ impl Span {
 }
 
 impl Sequence {
-    /// The plan as a sequence; `None` if it is none, or takes longer than 4 s.
-    pub fn of(plan: &Plan) -> Option<Self> {
+    /// Nothing.
+    pub const NONE: Self = {
         let none = Span { step: None, number: 0, after: 0, until: 0 };
-        let mut sequence = Self { spans: [none; MAX_STEPS + 1], end: 0 };
-        for number in 0..plan.len.into() {
-            let Part { after, until, what: What::Step(step) } = plan.part(number)? else {
-                return None;
-            };
-            let (after, until) = (u32::try_from(after.0).ok()?, u32::try_from(until.0).ok()?);
-            let span = Span { step: Some(step), number: number as u8, after, until };
-            *sequence.spans.get_mut(number)? = span;
-            sequence.end = sequence.end.max(until);
+        Self { spans: [none; MAX_STEPS + 1], end: 0, in_order: true, whole: true }
+    };
+
+    /// Puts the next step; it has this number.
+    #[inline(always)]
+    fn put(&mut self, number: usize, step: Step, after: u32, until: u32) {
+        self.whole &= after <= until;
+        let mut place = number;
+        while let Some(before) = place.checked_sub(1).map(|at| self.spans[at])
+            && before.until > until
+        {
+            // Outputs are fetched at the beginning of their mapping, which thus has two effects.
+            self.whole &= before.step != Some(Step::MapOutputs);
+            self.spans[place] = before;
+            place -= 1;
         }
-        // The last one remains free.
-        sequence.spans[MAX_STEPS].step.is_none().then_some(sequence)
+        self.spans[place] = Span { step: Some(step), number: number as u8, after, until };
+    }
+
+    /// Whether each step ends before the next one begins.
+    #[inline]
+    pub fn in_order(&self) -> bool {
+        self.in_order
+    }
+
+    /// Whether each step may be done at once at its end, though others come while it is in
+    /// progress: all that it does, it does then.
+    #[inline]
+    pub fn is_whole(&self) -> bool {
+        self.whole
+    }
+
+    /// Number of parts of a [`Plan`] that the first `count` steps are. A step during which another
+    /// one comes is two parts.
+    pub fn parts(&self, count: usize) -> usize {
+        let done = &self.spans[..count];
+        let divided = |(place, span): &(usize, &Span)| {
+            let comes = |other: &Span| other.number > span.number && other.after >= span.after;
+            done[..*place].iter().any(comes)
+        };
+        count + done.iter().enumerate().filter(divided).count()
     }
 
     /// Time from the event to the end of the last step.
@@ -219,7 +271,7 @@ impl Sequence {
         Nanos(self.end.into())
     }
 
-    /// The steps in order, up to the first one that is none.
+    /// The steps in the order of their ends, up to the first one that is none.
     #[inline]
     pub fn spans(&self) -> &[Span] {
         &self.spans
@@ -242,14 +294,76 @@ pub struct Cpu {
     polling: bool,
     /// Whether its times never vary.
     even: bool,
+    bounds: Bounds,
     jitter: Stream,
 }
+
+/// What the times of steps are drawn from, ns. No time is longer than [`FAR`], so that sums of them
+/// stay within their range.
+#[derive(Clone, Copy, Debug)]
+struct Bounds {
+    copy_outputs: Duration,
+    application: Duration,
+    copy_inputs: Duration,
+    timer_jitter: i64,
+    latency: i64,
+    /// The number of cycles of which one takes longer, and by how much.
+    overrun: Option<(u64, i64)>,
+}
+
+impl Bounds {
+    fn new(model: &CpuModel) -> Self {
+        let Unevenness { latency, variation, overrun, timer_jitter } = model.unevenness;
+        let bound = |time: Nanos| time.0.clamp(-FAR, FAR);
+        let variation = i64::from(variation.min(100));
+        let duration = |longest: Nanos| {
+            let longest = bound(longest);
+            Duration { longest, spread: longest / 100 * variation }
+        };
+        Self {
+            copy_outputs: duration(model.copy_outputs),
+            application: duration(model.application),
+            copy_inputs: duration(model.copy_inputs),
+            timer_jitter: bound(timer_jitter),
+            latency: bound(latency),
+            overrun: overrun.map(|Overrun { one_in, by }| (one_in.max(1).into(), bound(by))),
+        }
+    }
+}
+
+/// A uniformly distributed time, ns.
+#[derive(Clone, Copy, Debug)]
+struct Duration {
+    longest: i64,
+    spread: i64,
+}
+
+impl Duration {
+    #[inline(always)]
+    fn draw(self, jitter: &mut Stream) -> i64 {
+        self.longest - at_random(jitter, self.spread)
+    }
+}
+
+/// A random time of at most `most`.
+#[inline(always)]
+fn at_random(jitter: &mut Stream, most: i64) -> i64 {
+    // Without variation nothing is drawn, so that other random numbers stay the same.
+    match most {
+        1.. => jitter.up_to(most as u64) as i64,
+        _ => 0,
+    }
+}
+
+/// 36 years.
+const FAR: i64 = 1 << 60;
 
 impl Cpu {
     /// An idle CPU.
     pub fn new(model: CpuModel, jitter: Stream) -> Self {
         let even = model.jitter == Nanos::ZERO && model.unevenness == Unevenness::default();
         Self {
+            bounds: Bounds::new(&model),
             model,
             agenda: Vec::with_capacity(16),
             done: 0,
@@ -321,60 +435,101 @@ impl Cpu {
         if steps.is_empty() && pulse.is_none() {
             return;
         }
-        let of = |(step, _): &(Step, Nanos)| *step == Step::MapOutputs;
-        let synchronized = !steps.as_slice().iter().any(of);
-        // The copy time of the outputs is already the longest, so no jitter is added to it.
-        let is_late = (synchronized || pulse.is_some()) && !self.even;
-        let late = if is_late { self.jitter.up_to(self.model.jitter.0.max(0) as u64) } else { 0 };
-        let late = Nanos(late as i64);
+        let mut jitter = self.jitter.clone();
+        let (late, at) = self.late(&mut jitter, steps, pulse.is_some());
         if let Some(pulse) = pulse {
             plan.insert(late + self.model.acknowledge, Action::Acknowledge(pulse));
         }
-        let at = if synchronized { late } else { Nanos::ZERO };
-        let mut free = at;
-        let mut latched = at;
-        // As a rule each step ends before the next one begins.
-        let mut spans = [(Nanos::ZERO, Nanos::ZERO); MAX_STEPS];
-        let mut in_order = pulse.is_none();
+        let mut times = [(Step::MapOutputs, Nanos::ZERO, Nanos::ZERO); MAX_STEPS];
+        let (in_order, _) = self.times(&mut jitter, steps, at, |number, step, begin, end| {
+            times[number] = (step, begin, end);
+        });
+        self.jitter = jitter;
+        plan.add(times.into_iter().take(steps.len()), in_order && pulse.is_none());
+    }
+
+    /// The same for an event with steps and without a pulse. `false`: it takes longer than 4 s, and
+    /// nothing was drawn.
+    pub fn draw(&mut self, steps: &Steps, sequence: &mut Sequence) -> bool {
+        if steps.is_empty() {
+            return false;
+        }
+        let mut jitter = self.jitter.clone();
+        let (_, at) = self.late(&mut jitter, steps, false);
+        let mut all = 0;
+        sequence.whole = true;
+        let (in_order, end) = self.times(&mut jitter, steps, at, |number, step, begin, end| {
+            sequence.put(number, step, begin.0 as u32, end.0 as u32);
+            all |= begin.0 | end.0;
+        });
+        // The rest may be another event's.
+        sequence.spans[steps.len()].step = None;
+        (sequence.end, sequence.in_order) = (end.0 as u32, in_order);
+        let fits = u32::try_from(all).is_ok();
+        if fits {
+            self.jitter = jitter;
+        }
+        fits
+    }
+
+    /// How late the interrupt of an event is, and with it the steps.
+    #[inline(always)]
+    fn late(&self, jitter: &mut Stream, steps: &Steps, pulse: bool) -> (Nanos, Nanos) {
+        if self.even {
+            return (Nanos::ZERO, Nanos::ZERO);
+        }
+        let of = |(step, _): &(Step, Nanos)| *step == Step::MapOutputs;
+        let synchronized = !steps.as_slice().iter().any(of);
+        // The copy time of the outputs is already the longest, so no jitter is added to it.
+        let late = match synchronized || pulse {
+            true => Nanos(jitter.up_to(self.model.jitter.0.clamp(0, FAR) as u64) as i64),
+            false => Nanos::ZERO,
+        };
+        (late, if synchronized { late } else { Nanos::ZERO })
+    }
+
+    /// Draws the times from an event to the beginning and the end of each step, and `put`s them
+    /// with the number of the step. Returns whether each step ends before the next one begins, as
+    /// they do as a rule, and when the last one ends.
+    #[inline(always)]
+    fn times(
+        &self,
+        jitter: &mut Stream,
+        steps: &Steps,
+        at: Nanos,
+        mut put: impl FnMut(usize, Step, Nanos, Nanos),
+    ) -> (bool, Nanos) {
+        let bounds = &self.bounds;
+        let mut free = at.0;
+        let mut latched = free;
+        let mut in_order = true;
         for (i, &(step, delay)) in steps.as_slice().iter().enumerate() {
             let of_hardware = matches!(step, Step::OutputsValid | Step::LatchInputs);
-            let mut due = at + delay;
-            if of_hardware && delay > Nanos::ZERO {
-                due += self.at_random(self.model.unevenness.timer_jitter);
+            let delayed = delay > Nanos::ZERO;
+            let mut due = at.0 + delay.0.min(FAR);
+            if of_hardware && delayed {
+                due += at_random(jitter, bounds.timer_jitter);
             }
-            let mut begin =
-                if of_hardware && (delay > Nanos::ZERO || i == 0) { due } else { due.max(free) };
+            let mut begin = if of_hardware && (delayed || i == 0) { due } else { due.max(free) };
             let end = match step {
                 Step::MapOutputs => {
-                    let end = begin + self.varied(self.model.copy_outputs);
-                    begin = (begin + self.latency()).min(end);
+                    let end = begin + bounds.copy_outputs.draw(jitter);
+                    begin = (begin + self.latency(jitter)).min(end);
                     end
                 }
-                Step::Application => begin + self.varied(self.model.application) + self.overrun(),
+                Step::Application => begin + bounds.application.draw(jitter) + self.overrun(jitter),
                 // It counts from the latch, so it includes the application's work in between.
-                Step::MapInputs => begin.max(latched + self.varied(self.model.copy_inputs)),
+                Step::MapInputs => begin.max(latched + bounds.copy_inputs.draw(jitter)),
                 Step::OutputsValid | Step::LatchInputs => begin,
             };
             if step == Step::LatchInputs {
                 latched = begin;
             }
             in_order &= free <= begin && begin <= end;
-            spans[i] = (begin, end);
+            put(i, step, Nanos(begin), Nanos(end));
             free = free.max(end);
         }
-        let steps = steps.iter().zip(spans).map(|((step, _), (begin, end))| (step, begin, end));
-        if in_order {
-            for (part, (step, after, until)) in plan.parts.iter_mut().zip(steps) {
-                *part = Part { after, until, what: What::Step(step) };
-                plan.len += 1;
-            }
-            return;
-        }
-        for (step, begin, end) in steps {
-            plan.insert(begin, Action::Begin(step));
-            plan.insert(end, Action::Finish(step));
-        }
-        plan.join();
+        (in_order, Nanos(free))
     }
 
     /// Whether its times never vary.
@@ -405,42 +560,19 @@ impl Cpu {
         self.agenda.is_empty()
     }
 
-    /// A random time of at most `most`.
-    #[inline]
-    fn at_random(&mut self, most: Nanos) -> Nanos {
-        // Without variation nothing is drawn, so that other random numbers stay the same.
-        match most.0 {
-            1.. => Nanos(self.jitter.up_to(most.0 as u64) as i64),
-            _ => Nanos::ZERO,
+    #[inline(always)]
+    fn latency(&self, jitter: &mut Stream) -> i64 {
+        match self.bounds.latency {
+            worst @ 1.. => jitter.lateness(worst as u64) as i64,
+            _ => 0,
         }
     }
 
-    #[inline]
-    fn varied(&mut self, longest: Nanos) -> Nanos {
-        if self.even {
-            return longest;
-        }
-        let variation = i64::from(self.model.unevenness.variation.min(100));
-        longest - self.at_random(Nanos(longest.0 / 100 * variation))
-    }
-
-    #[inline]
-    fn latency(&mut self) -> Nanos {
-        match self.model.unevenness.latency.0 {
-            worst @ 1.. => Nanos(self.jitter.lateness(worst as u64) as i64),
-            _ => Nanos::ZERO,
-        }
-    }
-
-    #[inline]
-    fn overrun(&mut self) -> Nanos {
-        match self.model.unevenness.overrun {
-            Some(Overrun { one_in, by })
-                if self.jitter.up_to(u64::from(one_in.max(1)) - 1) == 0 =>
-            {
-                by
-            }
-            _ => Nanos::ZERO,
+    #[inline(always)]
+    fn overrun(&self, jitter: &mut Stream) -> i64 {
+        match self.bounds.overrun {
+            Some((one_in, by)) if jitter.up_to(one_in - 1) == 0 => by,
+            _ => 0,
         }
     }
 
@@ -532,6 +664,54 @@ mod tests {
         assert!((3..=25).contains(&overruns), "{overruns} of 1000, one in 100 asked");
         let (least, most) = range(&acts);
         assert!((100_000..100_010).contains(&least) && (100_290..=100_300).contains(&most));
+    }
+
+    /// Outputs act during the mapping of inputs, which does all that it does at its end.
+    #[test]
+    fn what_is_drawn_is_the_plan_in_the_order_of_ends() {
+        let unevenness = Unevenness {
+            latency: Nanos(4_000),
+            variation: 90,
+            overrun: Some(Overrun { one_in: 3, by: Nanos(9_000) }),
+            timer_jitter: Nanos(12_000),
+        };
+        let model = CpuModel { jitter: Nanos(2_000), unevenness, ..CpuModel::default() };
+        let [mut one, mut other] = [(); 2].map(|()| Cpu::new(model, Stream::new(3, "test", 0)));
+        let mut delays = Stream::new(4, "test", 0);
+        let (mut drawn, mut moved) = (Sequence::NONE, 0);
+        for _ in 0..3_000 {
+            let mut steps = Steps::EMPTY;
+            for step in Step::ALL {
+                if delays.up_to(3) > 0 {
+                    steps.push(step, Nanos(delays.up_to(3) as i64 * 5_000));
+                }
+            }
+            let (mut plan, mut same) = (Plan::NONE, Plan::NONE);
+            one.plan(&steps, None, &mut plan);
+            assert_eq!(other.draw(&steps, &mut drawn), !steps.is_empty());
+            if steps.is_empty() {
+                continue;
+            }
+            same.take_sequence(&drawn);
+            let parts = |plan: &Plan| plan.parts[..plan.len.into()].to_vec();
+            assert_eq!(parts(&plan), parts(&same));
+            let spans = &drawn.spans()[..steps.len()];
+            assert!(spans.is_sorted_by_key(|span| span.until));
+            assert_eq!(spans.iter().map(|span| span.until()).max(), Some(drawn.end()));
+            assert_eq!(drawn.parts(spans.len()), plan.len.into());
+            // Steps that are whole are done one after another: after each step of the CPU, the
+            // parts up to its end are done.
+            for (place, span) in spans.iter().enumerate() {
+                let of_cpu = [Step::MapOutputs, Step::MapInputs].map(Some).contains(&span.step);
+                if of_cpu && drawn.is_whole() {
+                    let done = drawn.parts(place + 1);
+                    assert!(parts(&plan)[..done].iter().all(|part| part.until <= span.until()));
+                    assert!(parts(&plan)[done..].iter().all(|part| part.after >= span.until()));
+                }
+            }
+            moved += u32::from(drawn.is_whole() && !drawn.in_order());
+        }
+        assert!(moved > 100, "{moved}");
     }
 
     /// With and without steps; it is as late as the steps if the interrupt is late.

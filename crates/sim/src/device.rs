@@ -14,7 +14,7 @@ use isocat_wire::register::al_event;
 use isocat_wire::time::{Dc, Device as DeviceClock, Local, Time, True};
 use isocat_wire::{AlStatusCode, Command};
 
-use crate::cpu::{Action, Cpu, CpuModel};
+use crate::cpu::{Action, Cpu, CpuModel, Sequence};
 use crate::judge::ClockTime;
 use crate::observation::{Content, Observation, Observed};
 use crate::oscillator::{Bend, ClockModel, Oscillator};
@@ -80,8 +80,10 @@ pub struct Device {
     powered: bool,
     /// See [`Self::set_lane`].
     lane: bool,
-    /// The steps of each event, with their plan if it never varies.
+    /// The steps of each event.
     prepared: Prepared<Kept>,
+    /// The times that were drawn last for such steps.
+    drawn: Sequence,
     /// The AL events of the first SyncManagers of outputs and inputs.
     sm_events: [u32; 2],
     /// What the last event has started, as long as nothing is on the CPU's agenda.
@@ -131,6 +133,7 @@ impl Device {
             powered: true,
             lane: true,
             prepared: Prepared::new(),
+            drawn: Sequence::NONE,
             sm_events,
             present: Present::none(),
             regular: false,
@@ -484,11 +487,7 @@ impl Device {
 
     /// Puts what the last event has started onto the agenda.
     fn put_present(&mut self) {
-        if !self.present.is_over() {
-            let (plan, from, half) = self.present.rest();
-            self.cpu.put(self.present.at, plan, from, half);
-            self.present.clear();
-        }
+        self.present.put_onto(&mut self.cpu);
     }
 
     /// Handles the start of a step; returns the frame that brought its outputs.

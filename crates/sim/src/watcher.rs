@@ -77,6 +77,13 @@ impl Watcher {
         self.keeps & (kind(Observed::Began(step)) | kind(Observed::Finished(step))) != 0
     }
 
+    /// Whether the beginning or the end of a step is kept during which others may come, and which
+    /// does all at its end.
+    #[inline(always)]
+    pub(crate) const fn keeps_work(&self) -> bool {
+        self.keeps_step(Step::Application) || self.keeps_step(Step::MapInputs)
+    }
+
     /// The events that were kept and not taken yet, in order.
     pub(crate) fn seen(&self) -> &[Observation] {
         &self.seen

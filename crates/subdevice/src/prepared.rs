@@ -122,10 +122,12 @@ impl Occasion {
         1 | flags | (event as u8) << 4
     }
 
-    /// A mode has steps for at most one event other than SYNC.
+    /// A mode has steps for at most one event other than SYNC. The timer of Free Run comes with and
+    /// without new outputs in turn, if it is faster than the frames.
     #[inline(always)]
     const fn place(self) -> Place {
         Place(match self.event {
+            Event::Timer if !self.new_outputs => 4,
             Event::Sm2 | Event::Sm3 | Event::Timer => 0,
             Event::Sync0 if self.last_sync0 => 3,
             Event::Sync0 => 1,
@@ -134,6 +136,6 @@ impl Occasion {
     }
 }
 
-const EVENTS: usize = 4;
+const EVENTS: usize = 5;
 /// The occasion of a place at which no steps are kept.
 const NOTHING: u8 = 0;

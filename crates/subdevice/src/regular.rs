@@ -3,6 +3,7 @@
 
 use isocat_esc::Pdi;
 use isocat_sync::{Event, Step};
+use isocat_wire::register::al_event;
 use isocat_wire::time::{Device, Time};
 
 use crate::application::Application;
@@ -49,6 +50,37 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     #[inline]
     pub fn bears_a_miss(&self) -> bool {
         self.sync.bears_a_miss()
+    }
+
+    /// The timer of Free Run ticks on a device that is [regular](Self::is_regular): as
+    /// [`handle_event_in_place`](Self::handle_event_in_place) and then [`poll`](Self::poll).
+    /// Returns also whether the main loop had work, so that anything may have changed.
+    #[inline]
+    pub fn regular_tick<T>(
+        &mut self,
+        now: Time<Device>,
+        pdi: &mut impl Pdi,
+        prepared: &mut Prepared<T>,
+    ) -> (Option<Place>, bool) {
+        self.application.event(Event::Timer);
+        let events = pdi.events();
+        let looks = self.sync.looks_for_outputs(Event::Timer) && self.sync.has_outputs();
+        let new_outputs = looks && events & self.output_event() != 0;
+        let prompt = self.sync.react_prepared(now, Event::Timer, (new_outputs, true), prepared);
+        let of_main_loop = al_event::AL_CONTROL | al_event::SM_ACTIVATION | al_event::WATCHDOG;
+        let works = events & of_main_loop != 0
+            || self.mailbox.wants(events)
+            || self.mailbox.is_repeating()
+            || self.esm.is_opening()
+            || self.sync.sync_deadline().is_some_and(|deadline| now >= deadline)
+            || self.sync.sequence_lost();
+        if works {
+            self.poll(now, pdi);
+        }
+        match prompt {
+            Prompt::Start(place) => (Some(place), works),
+            Prompt::Nothing | Prompt::Drop => (None, works),
+        }
     }
 
     /// Whether [`whole_step`](Self::whole_step) may do the steps that events start: the device

@@ -128,7 +128,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         if self.is_emulated() {
             return self.follow(now, pdi);
         }
-        let events = pdi.events();
+        let mut events = pdi.events();
         if events & al_event::AL_CONTROL != 0 {
             // Reading AL control unlocks it for the next request.
             let control = pdi.load(register::AL_CONTROL);
@@ -137,16 +137,18 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         if events & al_event::SM_ACTIVATION != 0 {
             self.sync_managers_changed(pdi);
         }
-        if (events & al_event::SM_ACTIVATION != 0 || self.mailbox.is_repeating())
-            && let Some((_, room)) = self.dictionary.values_and_room()
-        {
+        let repeats = events & al_event::SM_ACTIVATION != 0 || self.mailbox.is_repeating();
+        if repeats && let Some((_, room)) = self.dictionary.values_and_room() {
             self.mailbox.check_repeat(&room, pdi);
         }
         if events & al_event::WATCHDOG != 0 {
             self.watchdog_expired(pdi);
         }
-        // The events are read again, because a repetition may have filled the read mailbox.
-        let events = pdi.events();
+        let others = al_event::AL_CONTROL | al_event::WATCHDOG;
+        if repeats || events & others != 0 {
+            // A repetition may have filled the read mailbox, and a request may have switched it.
+            events = pdi.events();
+        }
         let held = self.mailbox.wants(events) && self.holds_mailbox(now);
         if self.mailbox.wants(events)
             && !held

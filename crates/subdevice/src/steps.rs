@@ -38,21 +38,25 @@ impl Steps {
     }
 
     /// The steps and their delays.
+    #[inline]
     pub fn as_slice(&self) -> &[(Step, Nanos)] {
         &self.list[..self.len]
     }
 
     /// The steps and their delays, one after another.
+    #[inline]
     pub fn iter(&self) -> impl Iterator<Item = (Step, Nanos)> + '_ {
         self.as_slice().iter().copied()
     }
 
     /// Number of steps.
+    #[inline]
     pub const fn len(&self) -> usize {
         self.len
     }
 
     /// Whether there are no steps.
+    #[inline]
     pub const fn is_empty(&self) -> bool {
         self.len == 0
     }

@@ -2,7 +2,7 @@
 
 use isocat_wire::time::{Device, Time};
 
-use crate::cpu::{Part, Plan};
+use crate::cpu::{Cpu, Part, Plan};
 
 /// The plan of an event in progress.
 #[derive(Clone, Debug)]
@@ -25,6 +25,14 @@ impl Present {
         Self { at: Time::ZERO, plan, next: 0, half: false, due: Time::NEVER }
     }
 
+    /// Puts all that is left onto the agenda of the CPU.
+    pub fn put_onto(&mut self, cpu: &mut Cpu) {
+        if !self.is_over() {
+            cpu.put(self.at, &self.plan, self.next, self.half);
+            self.clear();
+        }
+    }
+
     /// Removes all that is left.
     pub fn clear(&mut self) {
         self.due = Time::NEVER;
@@ -40,11 +48,6 @@ impl Present {
     #[inline]
     pub fn is_over(&self) -> bool {
         self.due == Time::NEVER
-    }
-
-    /// The plan, the number of its next part, and whether the step of that part has begun.
-    pub fn rest(&self) -> (&Plan, usize, bool) {
-        (&self.plan, self.next, self.half)
     }
 
     /// Takes the plan that `make` writes, of an event at `at`.
@@ -72,6 +75,12 @@ impl Present {
     #[inline]
     pub fn go_on(&mut self, number: usize, half: bool, due: Time<Device>) {
         (self.next, self.half, self.due) = (number, half, due);
+    }
+
+    /// The parts before this one are done.
+    pub fn skip_to(&mut self, number: usize) {
+        (self.next, self.half) = (number, false);
+        self.note_due();
     }
 
     #[inline]

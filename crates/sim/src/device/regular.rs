@@ -11,12 +11,21 @@ use isocat_wire::AlState;
 use isocat_wire::time::{Device as DeviceClock, Nanos, Time, True};
 
 use super::Device;
-use crate::cpu::{Action, Sequence, Span, What};
+use super::present::Present;
+use crate::cpu::{Action, Cpu, Sequence, Span, What};
 use crate::observation::{Content, Observed};
 use crate::watcher::Watcher;
 
-/// The steps of an event as a sequence, if they never vary; `None` if they are none.
-pub(super) type Kept = Option<Sequence>;
+/// What is known of the times of an event's steps.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Kept {
+    /// They are always the same.
+    Same(Sequence),
+    /// They are drawn each time.
+    Drawn,
+    /// The steps cannot be done as a whole, or take very long.
+    Planned,
+}
 
 /// Something that is not regular comes next.
 struct Irregular;
@@ -101,9 +110,13 @@ impl Device {
         watch: &mut Watcher,
     ) -> Result<Option<Place>, Irregular> {
         let pdi = &mut self.esc.pdi_in_lane(at);
-        let started = self.stack.handle_event_in_place(at, Event::Timer, pdi, &mut self.prepared);
-        self.stack.poll(at, pdi);
+        let (started, polled) = self.stack.regular_tick(at, pdi, &mut self.prepared);
         *worked = Some(at);
+        if !polled {
+            self.note_timeout();
+            debug_assert!(self.stack.is_regular());
+            return Ok(started);
+        }
         self.look(at, watch);
         if !self.stack.is_regular() {
             if let Some(place) = started {
@@ -194,9 +207,9 @@ impl Device {
         Ok(started)
     }
 
-    /// Does the steps that an event has started, if they are a sequence and all of them end before
-    /// anything else happens; otherwise they wait for their time. `false`: they are on the agenda
-    /// of the CPU.
+    /// Does the steps that an event has started, if each can be done at once and all of them end
+    /// before anything else happens; otherwise they wait for their time. `false`: they are on the
+    /// agenda of the CPU.
     #[inline(always)]
     fn follow(
         &mut self,
@@ -206,26 +219,30 @@ impl Device {
         worked: &mut Option<Time<DeviceClock>>,
         watch: &mut Watcher,
     ) -> bool {
-        let Some(Some(sequence)) = self.prepared.made(place) else { return self.start(at, place) };
+        let sequence = match self.prepared.made(place) {
+            Some(Kept::Same(sequence)) => sequence,
+            Some(Kept::Drawn) if self.cpu.draw(self.prepared.steps(place), &mut self.drawn) => {
+                &self.drawn
+            }
+            _ => return self.start(at, place),
+        };
         let end = at + sequence.end();
         let dues = self.esc.cyclic_dues();
         let alone = dues.is_some_and(|(frame, sync)| end < frame && end <= sync);
-        if !alone || end > limit || !self.present.is_over() {
-            return self.start(at, place);
+        if !alone || end > limit || !self.present.is_over() || !may_be_whole(sequence, watch) {
+            return put_off(&mut self.cpu, &mut self.present, at, sequence);
         }
         let mut acted = Time::ZERO;
-        for span in sequence.spans() {
+        for (done, span) in sequence.spans().iter().enumerate() {
             let Some(step) = span.step else { break };
             // A buffer that changed hands may have started a watchdog.
             if self.esc.rest_until() <= limit {
-                let done = usize::from(span.number);
-                let begin = at + span.after();
                 if let Some(last) = done.checked_sub(1) {
                     *worked = Some(at + sequence.spans()[last].until());
                 }
                 self.report_steps(at, &sequence.spans()[..done], acted, watch);
-                let begun = self.start(at, place);
-                self.present.go_on(done, false, begin);
+                let begun = put_off(&mut self.cpu, &mut self.present, at, sequence);
+                self.present.skip_to(sequence.parts(done));
                 return begun;
             }
             match step {
@@ -293,24 +310,28 @@ impl Device {
     /// are on the agenda of the CPU.
     #[inline(never)]
     fn start(&mut self, at: Time<DeviceClock>, place: Place) -> bool {
-        let Self { cpu, present, prepared, .. } = self;
+        let Self { cpu, present, prepared, stack, .. } = self;
+        if let Some(Kept::Same(sequence)) = prepared.made(place) {
+            return put_off(cpu, present, at, sequence);
+        }
         let steps = prepared.steps(place);
         if !present.is_over() {
-            let (before, from, half) = present.rest();
-            cpu.put(present.at, before, from, half);
-            present.clear();
+            present.put_onto(cpu);
             cpu.start(at, steps, None);
             return false;
         }
-        match prepared.made(place) {
-            Some(Some(sequence)) => present.take_new(at, |plan| plan.take_sequence(sequence)),
-            Some(None) => present.take_new(at, |plan| cpu.plan(steps, None, plan)),
-            None => {
-                present.take_new(at, |plan| cpu.plan(steps, None, plan));
-                let is_even = cpu.is_even() && self.stack.does_whole_steps();
-                let sequence = if is_even { Sequence::of(present.rest().0) } else { None };
-                prepared.keep_made(place, sequence);
-            }
+        present.take_new(at, |plan| cpu.plan(steps, None, plan));
+        if prepared.made(place).is_none() {
+            let kept = match (stack.does_whole_steps(), cpu.is_even()) {
+                (false, _) => Kept::Planned,
+                (true, false) => Kept::Drawn,
+                (true, true) => {
+                    let mut sequence = Sequence::NONE;
+                    let is_short = cpu.draw(steps, &mut sequence);
+                    if is_short { Kept::Same(sequence) } else { Kept::Planned }
+                }
+            };
+            prepared.keep_made(place, kept);
         }
         true
     }
@@ -368,4 +389,28 @@ impl Device {
         let frame = if step == Step::MapOutputs { self.outputs_mapped() } else { Time::ZERO };
         self.report(at, Observed::Finished(step), Content { frame, ..Content::default() }, watch);
     }
+}
+
+/// Whether each step of an event may be done at once at its end. If others come during a step and
+/// it is observed, its beginning is reported before them.
+#[inline(always)]
+fn may_be_whole(sequence: &Sequence, watch: &Watcher) -> bool {
+    sequence.in_order() || sequence.is_whole() && !watch.keeps_work()
+}
+
+/// Lets steps with these times wait, as [`Device::start`] does.
+#[inline(never)]
+fn put_off(
+    cpu: &mut Cpu,
+    present: &mut Present,
+    at: Time<DeviceClock>,
+    sequence: &Sequence,
+) -> bool {
+    let alone = present.is_over();
+    present.put_onto(cpu);
+    present.take_new(at, |plan| plan.take_sequence(sequence));
+    if !alone {
+        present.put_onto(cpu);
+    }
+    alone
 }

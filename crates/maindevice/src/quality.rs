@@ -28,6 +28,7 @@ mod objects;
 mod pace;
 mod reads;
 mod ring;
+mod round;
 mod snapshot;
 #[cfg(test)]
 mod tests;
@@ -40,6 +41,8 @@ pub use snapshot::{DeviceQuality, Margin, Moment, Snapshot};
 
 pub use pace::wire_time;
 pub(crate) use reads::Reads;
+#[cfg(test)]
+pub(crate) use reads::ask;
 use snapshot::Record;
 
 /// Watches a segment in operation.
@@ -95,15 +98,16 @@ impl Monitor {
     }
 
     /// Puts the clocks that are due into the empty `wanted`, as many as can be read in a frame of
-    /// `octets` bytes.
+    /// `octets` bytes, and the datagrams that read them into the empty `datagrams`.
     pub fn clocks_to_read(
         &mut self,
         now: Time<Host>,
         cycle: u64,
         octets: usize,
         wanted: &mut Vec<Wanted>,
+        datagrams: &mut Vec<u8>,
     ) {
-        self.background.next_clocks(now, (CLOCKS_IN_A_FRAME, octets), wanted);
+        self.background.next_clocks(now, (CLOCKS_IN_A_FRAME, octets), wanted, datagrams);
         // A batch that is late within its cycle or the next one delays none of the others.
         let read = (cycle * CLOCKS_A_CYCLE + 1).saturating_sub(CLOCKS_A_CYCLE);
         self.clocks_read = self.clocks_read.max(read) + wanted.len() as u64;
@@ -115,9 +119,21 @@ impl Monitor {
     }
 
     /// Takes the answer of a clock; returns the alarms that come or end.
-    #[inline(always)]
+    #[cfg(test)]
     pub fn take_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         self.background.take_clock(index, found)
+    }
+
+    /// Takes the answer of a clock without judging it; returns whether no alarm changes by it. If
+    /// not, call [`Self::judge_clock`].
+    #[inline(always)]
+    pub fn keep_clock(&mut self, index: usize, found: Option<Registers>) -> bool {
+        self.background.keep_clock(index, found)
+    }
+
+    /// Judges an answer that was taken; returns the alarms that come or end.
+    pub fn judge_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
+        self.background.judge_clock(index, found)
     }
 
     /// The entry to read now, of SubDevices with a free mailbox; `None` if it is not time.

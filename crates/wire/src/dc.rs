@@ -34,13 +34,13 @@ impl SystemTimeDifference {
     }
     /// Local minus received time: positive when the local clock is ahead.
     pub const fn nanos(self, polarity: DifferencePolarity) -> Nanos {
-        let magnitude = self.magnitude() as i64;
-        let sign = self.is_negative();
-        let ahead = match polarity {
-            DifferencePolarity::PositiveAhead => !sign,
-            DifferencePolarity::NegativeAhead => sign,
+        let behind = match polarity {
+            DifferencePolarity::PositiveAhead => self.0,
+            DifferencePolarity::NegativeAhead => !self.0,
         };
-        Nanos(if ahead { magnitude } else { -magnitude })
+        // All bits are set if it is behind: the negative of a number is its complement plus one.
+        let sign = (behind as i32 >> 31) as i64;
+        Nanos((self.magnitude() as i64 ^ sign) - sign)
     }
     /// Size of the difference.
     pub const fn magnitude(self) -> u32 {

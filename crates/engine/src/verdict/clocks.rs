@@ -45,8 +45,15 @@ impl Clocks {
         else {
             return;
         };
-        let Some(last) = clock.last().filter(|last| Some(last.at) != followed.seen) else { return };
-        if let Some(worst) = clock.worst_since(followed.seen) {
+        let last = clock.last_read();
+        if last.is_none() || last == followed.seen {
+            return;
+        }
+        // The worst of all that are kept says most times that no new one is worse.
+        let known = followed.worst.abs().min(limit);
+        if clock.worst() > known
+            && let Some(worst) = clock.worst_since(followed.seen)
+        {
             if worst.abs() > followed.worst.abs() {
                 followed.worst = worst;
             }
@@ -55,7 +62,7 @@ impl Clocks {
             }
         }
         followed.bound = followed.bound.max(clock.bound());
-        followed.seen = Some(last.at);
+        followed.seen = last;
     }
 
     /// Adds the results; `readings` are those of each SubDevice at the end.

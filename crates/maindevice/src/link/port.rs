@@ -653,32 +653,30 @@ impl Slot {
     }
 
     fn behind_batch<'b>(&self, bytes: &'b [u8], is_last: bool) -> Option<&'b [u8]> {
-        let (mut sent, mut found) = (&self.data[..], bytes);
-        loop {
-            let (ours, _) = sent.split_first_chunk::<HEADER_LEN>()?;
-            let (theirs, _) = found.split_first_chunk::<HEADER_LEN>()?;
-            if (start_of(ours) ^ start_of(theirs)) & UNCHANGED != 0 {
-                return None;
-            }
-            let len = usize::from(u16::from_le_bytes([ours[6], ours[7]]) & 0x07FF);
-            sent = sent.get(HEADER_LEN + len + WKC_LEN..)?;
-            found = found.get(HEADER_LEN + len + WKC_LEN..)?;
-            let more = theirs[7] & 0x80 != 0;
-            if more == (is_last && sent.is_empty()) {
-                return None;
-            }
-            if sent.is_empty() {
-                return Some(found);
-            }
+        let (found, rest) = bytes.split_at_checked(self.data.len())?;
+        // All datagrams are looked at, and what differs is gathered: nearly always it is nothing.
+        let (mut differs, mut followed, mut last) = (0, MORE, MORE);
+        let mut at = 0;
+        while let (Some(ours), Some(theirs)) = (start_at(&self.data, at), start_at(found, at)) {
+            differs |= (ours ^ theirs) & UNCHANGED;
+            // Behind the one before there is this one.
+            followed &= last;
+            last = theirs;
+            at += HEADER_LEN + (ours >> 48 & 0x07FF) as usize + WKC_LEN;
         }
+        let ends = last & MORE == 0;
+        (differs == 0 && followed != 0 && ends == is_last).then_some(rest)
     }
 }
 
-/// The first eight bytes of a header: command, index, address, length and flags.
-fn start_of(header: &[u8; HEADER_LEN]) -> u64 {
-    let [start @ .., _, _] = *header;
-    u64::from_le_bytes(start)
+/// The first eight bytes of a header at this place: command, index, address, length and flags.
+#[inline(always)]
+fn start_at(datagrams: &[u8], at: usize) -> Option<u64> {
+    Some(u64::from_le_bytes(*datagrams.get(at..)?.first_chunk()?))
 }
+
+/// The flag that another datagram follows.
+const MORE: u64 = 1 << 63;
 
 /// The bits of these that come back as they were sent, of commands that increment no position:
 /// neither the index, which the flight has, nor the flags.

@@ -108,16 +108,16 @@ impl MainDevice {
             // clock.
             let doubted = cycle.doubts_clocks();
             reads.take(port, |index, registers| {
-                if !doubted {
-                    for change in monitor.take_clock(index, registers) {
+                if !doubted && !monitor.keep_clock(index, registers) {
+                    for change in monitor.judge_clock(index, registers) {
                         board.report(Event::Alarm(change));
                     }
                 }
             });
         } else if monitor.has_clocks_to_read(now, cycle.number()) {
-            reads.wanted.clear();
             let octets = most_octets(cycle, config);
-            monitor.clocks_to_read(now, cycle.number(), octets, &mut reads.wanted);
+            let (wanted, datagrams) = reads.clear();
+            monitor.clocks_to_read(now, cycle.number(), octets, wanted, datagrams);
             reads.start(port);
         }
         if monitor.has_entry_to_read(now) && !self.procedures.has(Kind::Entry) {

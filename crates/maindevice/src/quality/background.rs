@@ -53,7 +53,7 @@ impl Background {
     pub fn clocks_to_read(&mut self, now: Time<Host>) -> Vec<Wanted> {
         let mut wanted = Vec::new();
         if self.clocks.is_due(now) {
-            self.clocks.batch(now, (CLOCKS_AT_ONCE, usize::MAX), &mut wanted);
+            self.clocks.batch(now, (CLOCKS_AT_ONCE, usize::MAX), &mut wanted, &mut Vec::new());
         }
         wanted
     }
@@ -63,15 +63,15 @@ impl Background {
         self.clocks.is_due(now)
     }
 
-    /// Puts the next clocks into the empty `wanted`. `most`: the largest number of clocks, and the
-    /// bytes of the frame into which their reads must fit.
+    /// See [`Clocks::batch`].
     pub(super) fn next_clocks(
         &mut self,
         now: Time<Host>,
         most: (usize, usize),
         wanted: &mut Vec<Wanted>,
+        datagrams: &mut Vec<u8>,
     ) {
-        self.clocks.batch(now, most, wanted);
+        self.clocks.batch(now, most, wanted, datagrams);
     }
 
     /// Whether an entry is due.
@@ -83,6 +83,17 @@ impl Background {
     #[inline]
     pub fn take_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         self.clocks.sample(index, found)
+    }
+
+    /// Takes the answer of a clock without judging it: see [`Clocks::take`].
+    #[inline(always)]
+    pub(super) fn keep_clock(&mut self, index: usize, found: Option<Registers>) -> bool {
+        self.clocks.take(index, found)
+    }
+
+    /// Judges an answer that was taken.
+    pub(super) fn judge_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
+        self.clocks.judge(index, found)
     }
 
     /// The entry to read now, of SubDevices with a free mailbox; `None` if it is not time.

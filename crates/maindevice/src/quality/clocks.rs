@@ -8,11 +8,11 @@ use isocat_wire::StationAddress;
 use isocat_wire::dc::{ActivationStatus, DifferencePolarity, SystemTimeDifference};
 use isocat_wire::frame;
 use isocat_wire::register::{Value, features};
-use isocat_wire::time::{Host, Nanos, Time};
+use isocat_wire::time::{Host, Nanos, Picos, Time};
 
 use super::pace::Pace;
-use super::reads::octets_of;
 use super::ring::Ring;
+use super::round::Round;
 use crate::alarm::{Alarm, Change, Found, Hysteresis, LET_GO, RAISE};
 use crate::config::QualityWatch;
 use crate::segment::{Segment, SubDevice};
@@ -59,6 +59,8 @@ pub struct ClockQuality {
     worst: Nanos,
     worst_count: usize,
     limits: Limits,
+    /// The difference beyond which an alarm is raised.
+    limit: Nanos,
     convergence: Convergence,
     settling: Settling<Time<Host>>,
     /// Whether no drift frame reaches it.
@@ -72,6 +74,12 @@ impl ClockQuality {
     /// The last reading.
     pub fn last(&self) -> Option<Reading> {
         self.readings.last().map(Kept::reading)
+    }
+
+    /// Send time of the frame that brought the last reading.
+    #[inline]
+    pub fn last_read(&self) -> Option<Time<Host>> {
+        self.readings.last().map(|reading| reading.at)
     }
 
     /// The readings kept, oldest first.
@@ -89,6 +97,7 @@ impl ClockQuality {
     }
 
     /// The largest absolute value of 0x092C among them.
+    #[inline]
     pub fn worst(&self) -> Nanos {
         self.worst
     }
@@ -146,6 +155,7 @@ impl ClockQuality {
             worst: Nanos::ZERO,
             worst_count: 0,
             limits,
+            limit: limits.difference + limits.noise_allowed(),
             convergence: Convergence::new(limits),
             settling: Settling::default(),
             unled: false,
@@ -181,42 +191,57 @@ impl ClockQuality {
     }
 
     /// Takes a reading; returns whether it is as good as all before, so that no alarm changes.
-    #[inline]
+    #[inline(always)]
     fn take(&mut self, registers: &Registers) -> bool {
         let [a, b, c, d, speed @ ..] = registers.bytes;
-        let difference = SystemTimeDifference::from_bytes([a, b, c, d]).nanos(self.polarity);
+        let found = SystemTimeDifference::from_bytes([a, b, c, d]);
+        let difference = found.nanos(self.polarity);
         let Registers { at, activation, .. } = *registers;
         let reading = Kept { at, difference, speed, activation };
-        let size = difference.abs();
-        let gone = self.readings.push(reading).map(|gone| gone.difference.abs());
-        self.worst_count -= usize::from(gone == Some(self.worst));
-        if size > self.worst {
-            (self.worst, self.worst_count) = (size, 0);
-        }
-        self.worst_count += usize::from(size == self.worst);
-        if self.worst_count == 0 {
-            let sizes = || self.readings.iter().map(|reading| reading.difference.abs());
-            self.worst = sizes().max().unwrap_or_default();
-            self.worst_count = sizes().filter(|size| *size == self.worst).count();
+        let size = Nanos(i64::from(found.magnitude()));
+        let gone = self.readings.push(reading);
+        // Most readings are not the worst one, neither those that come nor those that go.
+        let was_worst = gone.is_some_and(|gone| gone.is_as_large_as(self.worst));
+        if size >= self.worst || was_worst {
+            self.follow_worst(size, was_worst);
         }
         self.convergence.sample(at, difference);
-        self.settling.sample(at, difference.into());
+        // It has 31 bits.
+        self.settling.sample(at, Picos(difference.0 * 1_000));
         self.calm
-            && size <= self.limit()
+            && size <= self.limit
             && !activation.is_some_and(|activation| activation.sync0_pending())
             && self.convergence.is_flat(SETTLED_PPB, self.worst)
     }
 
-    /// The difference beyond which an alarm is raised.
-    fn limit(&self) -> Nanos {
-        self.limits.difference + self.limits.noise_allowed()
+    /// Finds the worst reading when one of this size has come. `was_worst`: the one that went was
+    /// one of the worst.
+    #[inline(never)]
+    fn follow_worst(&mut self, size: Nanos, was_worst: bool) {
+        self.worst_count -= usize::from(was_worst);
+        if size > self.worst {
+            (self.worst, self.worst_count) = (size, 0);
+        }
+        self.worst_count += usize::from(size == self.worst);
+        if self.worst_count > 0 {
+            return;
+        }
+        let (mut worst, mut count) = (Nanos::ZERO, 0);
+        for reading in self.readings.newest() {
+            let size = reading.difference.abs();
+            if size > worst {
+                (worst, count) = (size, 0);
+            }
+            count += usize::from(size == worst);
+        }
+        (self.worst, self.worst_count) = (worst, count);
     }
 
     /// Updates the alarms with the reading that was taken last and returns the changes; `None`: the
     /// registers did not answer.
     #[cold]
     fn judge(&mut self, found: Option<Registers>) -> Vec<Change> {
-        let limit = self.limit();
+        let limit = self.limit;
         let difference = self.readings.last().map_or(Nanos::ZERO, |reading| reading.difference);
         let size = difference.abs();
         let pending = found.and_then(|found| found.activation).is_some_and(|a| a.sync0_pending());
@@ -282,6 +307,7 @@ pub type Wanted = (usize, StationAddress, bool);
 pub(super) struct Clocks {
     pub all: Vec<ClockQuality>,
     turn: usize,
+    round: Round,
     pub pace: Pace,
 }
 
@@ -300,8 +326,19 @@ impl Clocks {
                 && device.dc.has_clock()
         };
         let clock = |device| ClockQuality::new(device, config.history, limits(device));
-        let all = segment.devices.iter().filter(led).map(clock).collect();
-        Self { all, turn: 0, pace }
+        let all: Vec<_> = segment.devices.iter().filter(led).map(clock).collect();
+        let round = Round::new(all.len());
+        let mut clocks = Self { all, turn: 0, round, pace };
+        clocks.set_round();
+        clocks
+    }
+
+    /// Takes all that are present into the round.
+    fn set_round(&mut self) {
+        let present = self.all.iter().enumerate().filter(|(_, clock)| !clock.awaited);
+        let wanted =
+            |(index, clock): (usize, &ClockQuality)| (index, clock.station, clock.has_status);
+        self.round.set(present.map(wanted));
     }
 
     /// Called when the delay of this SubDevice's clock has changed.
@@ -317,38 +354,24 @@ impl Clocks {
 
     /// Whether any clock is present.
     pub fn are_there(&self) -> bool {
-        self.all.iter().any(|clock| !clock.awaited)
+        !self.round.is_empty()
     }
 
-    /// Puts the clocks to read now into `wanted`: at most `most`, whose reads fit into a frame of
-    /// `octets` bytes, and one at least. The wire time of their frame decides when the next ones
-    /// are due.
+    /// Puts the clocks to read now into the empty `wanted`, and the datagrams that read them into
+    /// the empty `datagrams`. `most`: the largest number of clocks, and the bytes of the frame into
+    /// which their reads must fit; one is read at least. The wire time of their frame decides when
+    /// the next ones are due.
     pub fn batch(
         &mut self,
         now: Time<Host>,
-        (most, octets): (usize, usize),
+        most: (usize, usize),
         wanted: &mut Vec<Wanted>,
+        datagrams: &mut Vec<u8>,
     ) {
-        let count = self.all.len();
-        let (mut turn, mut len) = (self.turn, 0);
-        for _ in 0..count {
-            if turn >= count {
-                turn = 0;
-            }
-            let Some(clock) = self.all.get(turn) else { break };
-            if !clock.awaited {
-                let more = len + octets_of(clock.has_status);
-                if wanted.len() == most || frame_len(more) > octets && !wanted.is_empty() {
-                    break;
-                }
-                len = more;
-                wanted.push((turn, clock.station, clock.has_status));
-            }
-            turn += 1;
-        }
+        self.round.next(self.turn, most, wanted, datagrams);
         self.turn = wanted.last().map_or(0, |(at, ..)| at + 1);
         // As if each batch were one frame of its own.
-        let on_wire = frame_len(len).max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
+        let on_wire = frame_len(datagrams.len()).max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
         self.pace.charge(now, Nanos(on_wire as i64 * frame::BYTE_TIME_NS as i64));
     }
 
@@ -356,19 +379,33 @@ impl Clocks {
     pub fn meet(&mut self, device: &SubDevice) {
         let clock = self.all.iter_mut().find(|clock| clock.position == device.position);
         if let Some(clock) = clock.filter(|_| device.admitted) {
+            let asked = |clock: &ClockQuality| (clock.awaited, clock.station, clock.has_status);
+            let before = asked(clock);
             clock.meet(device);
+            if asked(clock) != before {
+                self.set_round();
+            }
         }
     }
 
     /// Takes the answer of one of them; returns the alarms that come or end.
     #[inline]
     pub fn sample(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
-        let Some(clock) = self.all.get_mut(index) else { return Vec::new() };
-        // Nearly every reading is good, and changes nothing.
-        match &found {
-            Some(registers) if clock.take(registers) => Vec::new(),
-            _ => clock.judge(found),
-        }
+        if self.take(index, found) { Vec::new() } else { self.judge(index, found) }
+    }
+
+    /// Takes an answer without judging it; returns whether no alarm changes by it, as with nearly
+    /// every one. If not, call [`Self::judge`].
+    #[inline(always)]
+    pub fn take(&mut self, index: usize, found: Option<Registers>) -> bool {
+        let Some(clock) = self.all.get_mut(index) else { return true };
+        found.is_some_and(|registers| clock.take(&registers))
+    }
+
+    /// Judges an answer that was taken; returns the alarms that come or end.
+    #[cold]
+    pub fn judge(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
+        self.all.get_mut(index).map_or(Vec::new(), |clock| clock.judge(found))
     }
 }
 
@@ -378,6 +415,10 @@ fn frame_len(datagrams: usize) -> usize {
 }
 
 impl Kept {
+    fn is_as_large_as(&self, size: Nanos) -> bool {
+        self.difference == size || self.difference == -size
+    }
+
     fn reading(self) -> Reading {
         let Self { at, difference, speed: [a, b, c, d], activation } = self;
         let start = i64::from(u16::from_le_bytes([a, b]) & 0x7FFF);

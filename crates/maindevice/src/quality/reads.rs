@@ -14,29 +14,29 @@ use crate::link::Port;
 /// A batch of reads: datagrams that leave in one frame, and what they ask for.
 #[derive(Debug, Default)]
 pub(crate) struct Reads {
-    /// The clocks that are read. Fill it, then call [`Self::start`].
-    pub wanted: Vec<Wanted>,
-    /// Memory for the datagrams, while none are under way.
-    memory: Vec<u8>,
+    /// The clocks that are read.
+    wanted: Vec<Wanted>,
+    /// The datagrams, while none are under way; their memory is used again.
+    datagrams: Vec<u8>,
     slot: Option<usize>,
 }
 
 impl Reads {
+    /// Lists that are empty, of the clocks to read and of their datagrams, while none are under
+    /// way. Fill them, then call [`Self::start`].
+    pub fn clear(&mut self) -> (&mut Vec<Wanted>, &mut Vec<u8>) {
+        self.wanted.clear();
+        self.datagrams.clear();
+        (&mut self.wanted, &mut self.datagrams)
+    }
+
     /// Queues the reads of all that is wanted.
     pub fn start(&mut self, port: &mut Port) {
-        let mut datagrams = core::mem::take(&mut self.memory);
-        datagrams.clear();
-        let mut count = 0;
-        for &(_, station, has_status) in &self.wanted {
-            let mut both = [0; DIFFERENCE + STATUS];
-            let (difference, status) = both.split_at_mut(DIFFERENCE);
-            read(difference, station, register::SYSTEM_TIME_DIFFERENCE.address);
-            read(status, station, register::ACTIVATION_STATUS.address);
-            datagrams.extend_from_slice(&both[..octets_of(has_status)]);
-            count += 1 + u16::from(has_status);
-        }
-        if count > 0 {
-            self.slot = Some(port.enqueue_batch(datagrams, count));
+        let datagrams = core::mem::take(&mut self.datagrams);
+        // Each clock has a datagram of its difference, and some have another one of their status.
+        let states = datagrams.len().saturating_sub(DIFFERENCE * self.wanted.len()) / STATUS;
+        if !self.wanted.is_empty() {
+            self.slot = Some(port.enqueue_batch(datagrams, (self.wanted.len() + states) as u16));
         }
     }
 
@@ -57,13 +57,22 @@ impl Reads {
         let (sent, datagrams) = port.take_batch(slot);
         let mut rest = &datagrams[..];
         for &(index, _, has_status) in &self.wanted {
-            let difference = answer::<8>(&mut rest);
-            let status = if has_status { answer::<1>(&mut rest) } else { None };
-            let activation = status.map(|[status]| ActivationStatus(status));
-            let registers = |(at, bytes)| Registers { at, bytes, activation };
-            tell(index, sent.zip(difference).map(registers));
+            let Some((difference, more)) = rest.split_first_chunk::<DIFFERENCE>() else { break };
+            rest = more;
+            let mut activation = None;
+            if has_status {
+                let Some((status, more)) = rest.split_first_chunk::<STATUS>() else { break };
+                rest = more;
+                activation = answer(status).map(|[status]| ActivationStatus(status));
+            }
+            let found = match (sent, answer(difference)) {
+                (Some(at), Some(bytes)) => Some(Registers { at, bytes, activation }),
+                _ => None,
+            };
+            // It is called in one place alone, so that it becomes a part of this loop.
+            tell(index, found);
         }
-        self.memory = datagrams;
+        self.datagrams = datagrams;
     }
 
     /// Drops reads that are under way.
@@ -79,8 +88,16 @@ pub(super) fn octets_of(has_status: bool) -> usize {
     DIFFERENCE + if has_status { STATUS } else { 0 }
 }
 
+/// Adds the datagrams that read a clock.
+pub(crate) fn ask((_, station, has_status): Wanted, datagrams: &mut Vec<u8>) {
+    let mut both = [0; DIFFERENCE + STATUS];
+    let (difference, status) = both.split_at_mut(DIFFERENCE);
+    read(difference, station, register::SYSTEM_TIME_DIFFERENCE.address);
+    read(status, station, register::ACTIVATION_STATUS.address);
+    datagrams.extend_from_slice(&both[..octets_of(has_status)]);
+}
+
 /// Makes a datagram that reads what it has room for.
-#[inline(always)]
 fn read(datagram: &mut [u8], station: StationAddress, ado: u16) {
     let len = datagram.len().saturating_sub(HEADER_LEN + WKC_LEN) as u16;
     let header = Header::new(Command::Fprd, 0, Address::Station(station, ado), len);
@@ -89,13 +106,12 @@ fn read(datagram: &mut [u8], station: StationAddress, ado: u16) {
     }
 }
 
-/// The data of the first datagram, if its working counter is 1; the rest follows.
-fn answer<const LEN: usize>(rest: &mut &[u8]) -> Option<[u8; LEN]> {
-    let (_, more) = rest.split_first_chunk::<HEADER_LEN>()?;
-    let (data, more) = more.split_first_chunk::<LEN>()?;
-    let (counter, more) = more.split_first_chunk::<WKC_LEN>()?;
-    *rest = more;
-    (u16::from_le_bytes(*counter) == 1).then_some(*data)
+/// The data of a datagram, if its working counter is 1.
+#[inline(always)]
+fn answer<const LEN: usize>(datagram: &[u8]) -> Option<[u8; LEN]> {
+    let (_, rest) = datagram.split_first_chunk::<HEADER_LEN>()?;
+    let (data, rest) = rest.split_first_chunk::<LEN>()?;
+    (u16::from_le_bytes(*rest.first_chunk()?) == 1).then_some(*data)
 }
 
 /// Bytes of a datagram that reads 0x092C to 0x0933.

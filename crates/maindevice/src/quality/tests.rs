@@ -38,7 +38,7 @@ fn clocks_to_read(monitor: &mut Monitor, now: Time<Host>) -> Vec<Wanted> {
     let mut wanted = Vec::new();
     let cycle = now.count() / 100_000;
     if monitor.has_clocks_to_read(now, cycle) {
-        monitor.clocks_to_read(now, cycle, usize::MAX, &mut wanted);
+        monitor.clocks_to_read(now, cycle, usize::MAX, &mut wanted, &mut Vec::new());
     }
     wanted
 }
@@ -159,7 +159,7 @@ fn reads_of_a_long_line() {
         for cycle in 0..1_000 {
             let (now, mut wanted) = (Time::new(cycle * 4_000_000), Vec::new());
             if monitor.has_clocks_to_read(now, cycle) {
-                monitor.clocks_to_read(now, cycle, octets, &mut wanted);
+                monitor.clocks_to_read(now, cycle, octets, &mut wanted, &mut Vec::new());
             }
             wanted.iter().for_each(|(at, ..)| seen[*at] += 1);
             batches.extend((!wanted.is_empty()).then_some((cycle, wanted.len())));

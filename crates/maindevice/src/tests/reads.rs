@@ -7,23 +7,26 @@ use isocat_wire::StationAddress;
 use isocat_wire::frame::{self, MAX_LEN};
 
 use super::Bench;
-use crate::quality::{Reads, Registers};
+use crate::link::Port;
+use crate::quality::{Reads, Registers, ask};
 
 const FIRST: u16 = 0x1001;
 
-fn wanting(wanted: &[(u16, bool)]) -> Reads {
-    let mut reads = Reads::default();
+/// Asks for the registers of these clocks.
+fn start(reads: &mut Reads, wanted: &[(u16, bool)], port: &mut Port) {
     let clock = |(at, (station, has_status)): (usize, &(u16, bool))| {
         (at, StationAddress(*station), *has_status)
     };
-    reads.wanted = wanted.iter().enumerate().map(clock).collect();
-    reads
+    let (clocks, datagrams) = reads.clear();
+    clocks.extend(wanted.iter().enumerate().map(clock));
+    clocks.iter().for_each(|clock| ask(*clock, datagrams));
+    reads.start(port);
 }
 
 /// Starts the reads, waits for them, and returns the answers.
-fn run(bench: &mut Bench, reads: &mut Reads) -> Vec<Option<Registers>> {
+fn run(bench: &mut Bench, reads: &mut Reads, wanted: &[(u16, bool)]) -> Vec<Option<Registers>> {
     let link = bench.link.clone();
-    link.with(|shared| reads.start(&mut shared.port));
+    link.with(|shared| start(reads, wanted, &mut shared.port));
     assert!(reads.are_under_way());
     bench.run(core::future::poll_fn(|_| match link.with(|shared| reads.are_back(&shared.port)) {
         true => Poll::Ready(()),
@@ -50,12 +53,12 @@ fn answers_are_those_of_the_clocks() {
         esc.memory[0x0984] = byte + 1;
     }
     let nobody = 0x1009;
-    let mut reads =
-        wanting(&[(FIRST + 2, true), (nobody, true), (FIRST, false), (FIRST + 1, true)]);
+    let wanted = [(FIRST + 2, true), (nobody, true), (FIRST, false), (FIRST + 1, true)];
+    let mut reads = Reads::default();
     for round in 0..3 {
         let link = bench.link.clone();
         let before = link.fprd(StationAddress(FIRST), 0x0130, 2);
-        link.with(|shared| reads.start(&mut shared.port));
+        link.with(|shared| start(&mut reads, &wanted, &mut shared.port));
         let behind = link.fprd(StationAddress(FIRST), 0x0130, 2);
         bench.run(async {
             before.expect(1).await.unwrap();
@@ -80,32 +83,32 @@ fn answers_are_those_of_the_clocks() {
 fn reads_that_are_lost() {
     let mut bench = Bench::new(1);
     bench.lose = std::vec![0, 1];
-    let mut reads = wanting(&[(FIRST, true), (FIRST, false)]);
-    assert!(run(&mut bench, &mut reads).iter().all(Option::is_some));
+    let (mut reads, wanted) = (Reads::default(), [(FIRST, true), (FIRST, false)]);
+    assert!(run(&mut bench, &mut reads, &wanted).iter().all(Option::is_some));
     bench.lose = std::vec![3, 4, 5];
-    assert!(run(&mut bench, &mut reads).iter().all(Option::is_none));
-    assert!(run(&mut bench, &mut reads).iter().all(Option::is_some));
+    assert!(run(&mut bench, &mut reads, &wanted).iter().all(Option::is_none));
+    assert!(run(&mut bench, &mut reads, &wanted).iter().all(Option::is_some));
     let link = bench.link.clone();
     let mut buffer = [0; MAX_LEN];
     link.with(|shared| {
-        reads.start(&mut shared.port);
+        start(&mut reads, &wanted, &mut shared.port);
         let len = shared.transmit(bench.now, &mut buffer, MAX_LEN).unwrap();
         reads.end(&mut shared.port);
         assert!(!reads.are_under_way());
         assert!(shared.receive(frame::payload(&buffer[..len]).unwrap()));
         assert_eq!(shared.port.in_flight(), 0);
     });
-    assert!(run(&mut bench, &mut reads).iter().all(Option::is_some));
+    assert!(run(&mut bench, &mut reads, &wanted).iter().all(Option::is_some));
 }
 
 /// A frame with other datagrams is not taken for the answer.
 #[test]
 fn frames_of_others() {
     let link = Bench::new(1).link;
-    let mut reads = wanting(&[(FIRST, true), (FIRST, true)]);
+    let mut reads = Reads::default();
     let mut buffer = [0; MAX_LEN];
     let len = link.with(|shared| {
-        reads.start(&mut shared.port);
+        start(&mut reads, &[(FIRST, true), (FIRST, true)], &mut shared.port);
         shared.transmit(isocat_wire::time::Time::new(0), &mut buffer, MAX_LEN).unwrap()
     });
     let payload = frame::payload(&buffer[..len]).unwrap();

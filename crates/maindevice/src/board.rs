@@ -4,7 +4,7 @@
 use alloc::collections::VecDeque;
 
 use isocat_wire::StationAddress;
-use isocat_wire::time::{Dc, Host, Time};
+use isocat_wire::time::{Dc, Host, Nanos, Time};
 
 use crate::event::Event;
 use crate::statistics::Statistics;
@@ -50,6 +50,8 @@ pub(crate) enum Wish {
     HoldClocks,
     /// Use the clock at this position as reference from now on.
     Lead(usize),
+    /// The clock at this position has this delay from now on.
+    Delay(usize, Nanos),
     /// The SubDevice at this position takes no part any more.
     LeaveOut(usize),
 }

@@ -30,7 +30,7 @@ use crate::clock::{self, Joining};
 use crate::config::{Config, DeviceConfig};
 use crate::error::{Cause, MappingProblem};
 use crate::health::Found;
-use crate::link::{Link, Procedure, Travel, join};
+use crate::link::{Link, Procedure, Travel, drive_beside, join};
 use crate::mailbox::Mailbox;
 use crate::segment::{DcCapability, Segment, SubDevice};
 use crate::{esm, mapping, mode, scan, sii, sync, timing};
@@ -312,7 +312,7 @@ async fn finish(
     }
     wait_for_inputs(link, config, device).await?;
     wait_for_sync(link, config, segment, device).await?;
-    esm::change(link, device, AlState::Op, config.timeouts.op).await?;
+    to_op(link, config, segment, device).await?;
     stays_on(way, link, segment, device)
 }
 
@@ -405,8 +405,43 @@ pub(crate) async fn recover(
     // SYNC is verified again, because a SubDevice whose pulses stopped meanwhile would wait for
     // them for seconds on its way to OP.
     let_sync_run(&link, &config, &segment, &mut device).await?;
-    esm::change(&link, &mut device, AlState::Op, config.timeouts.op).await?;
+    to_op(&link, &config, &segment, &mut device).await?;
     Ok(device)
+}
+
+/// Goes to OP. A SubDevice whose pulses stop on its way there waits for them, for nine seconds as a
+/// rule, before it reports that; so they are verified meanwhile.
+async fn to_op(
+    link: &Link,
+    config: &Config,
+    segment: &Segment,
+    device: &mut SubDevice,
+) -> Result<(), Cause> {
+    let mut pulses = device.clone();
+    let change = esm::change(link, device, AlState::Op, config.timeouts.op);
+    let result = match pulses.sync {
+        None => change.await,
+        Some(_) => {
+            let mut keeping = Box::pin(keep_sync(link, config, segment, &mut pulses));
+            drive_beside(change, keeping.as_mut(), &mut None).await
+        }
+    };
+    device.sync = pulses.sync;
+    result
+}
+
+/// Verifies SYNC now and then, and programs it again if there are no pulses.
+async fn keep_sync(
+    link: &Link,
+    config: &Config,
+    segment: &Segment,
+    device: &mut SubDevice,
+) -> Infallible {
+    loop {
+        link.sleep(SYNC_LOOK).await;
+        // Whether the SubDevice gets to OP shows whether it helped.
+        let _no_pulses = let_sync_run(link, config, segment, device).await.is_err();
+    }
 }
 
 /// Verifies SYNC, and programs it again if there are no pulses.
@@ -422,3 +457,7 @@ async fn let_sync_run(
     program_sync(link, config, segment, device).await?;
     wait_for_sync(link, config, segment, device).await
 }
+
+/// Time from one look at SYNC to the next while a SubDevice is on its way to OP. Most are there
+/// before the first one.
+const SYNC_LOOK: Nanos = Nanos::millis(500);

@@ -135,33 +135,47 @@ impl<'a> Burst<'a> {
 }
 
 /// Sends one additional drift frame when it is due. Of several procedures that call this, the first
-/// one sends it. The other clocks are not disturbed: they get the same time more often.
+/// one sends it.
 ///
-/// The frames are evenly spaced, including those of the cycle. A loop divides by the time since the
-/// last frame, so two close frames would only show the resolution of the clocks.
+/// The other clocks get the same time more often. So that this disturbs them little, all intervals
+/// are alike, with the frame of the cycle as one of them: a loop divides by the time since the last
+/// frame. The jitter of a hop goes round as two clocks slip, and with clocks so many ppm apart that
+/// it does so in step with the cycle, it comes to the same interval in each cycle. Were that a
+/// shorter one, each loop would learn a wrong speed, which would hold its clock 50 ns off.
 ///
 /// The cycle's own datagram detects a wrong working counter.
 pub(super) async fn hasten(link: &Link, config: &Config, reference: StationAddress) {
     let now = link.now();
+    let cycle = config.cycle;
     // The others get them, too.
-    let pace = pace_for(config.cycle);
     let due = link.board(|board| {
-        let mut due = board.led_at + pace;
-        // The cycle's own comes soon enough.
-        if now < board.lead_due && now + Nanos(pace.0 / 2) > board.lead_due {
-            due = board.lead_due + pace;
+        if !board.leading {
+            return Some(now + Nanos(cycle.0 / parts(cycle)));
         }
-        if board.leading && now >= due {
-            board.led_at = now;
-            return None;
+        let due = next_due(board.led_at, board.lead_due, cycle);
+        if now < due {
+            return Some(due);
         }
-        Some(if board.leading { due } else { now + pace })
+        board.led_at = now;
+        None
     });
     if let Some(due) = due {
         return link.until(due).await;
     }
     // One that is lost matters nothing, the next brings a newer time.
     let _lost = drift_frame(link, reference).reply().await.is_err();
+}
+
+/// When the next additional drift frame is due if the last one, of the cycle or in addition to it,
+/// was sent at `last`, and the cycle's next one is due at `next`. They divide the cycle into equal
+/// parts. One that was sent later than by half of a part counts as the one behind it.
+fn next_due(last: Time<Host>, next: Time<Host>, cycle: Nanos) -> Time<Host> {
+    let parts = parts(cycle);
+    let left = (next - last).0.min(cycle.0);
+    let ahead = (2 * left * parts + cycle.0).div_euclid(2 * cycle.0) - 1;
+    // The cycle's own one comes first.
+    let ahead = if ahead > 0 { ahead } else { -1 };
+    next + Nanos(-ahead * cycle.0 / parts)
 }
 
 /// All clocks but the reference.
@@ -213,14 +227,15 @@ pub(super) fn noise_behind(segment: &Segment, config: &Config, depth: u8) -> Vec
     delay::noise(segment, config.hop_jitter).into_iter().map(filtered).collect()
 }
 
-/// Time from one drift frame to the next while a clock joins. A tick of 10 ns in it is 100 ppm, the
-/// smallest speed that a loop can recognize. Such frames take 7 % of the wire, and joining takes a
-/// tenth of the time that the cycle's own frames would need at 1 ms.
+/// Shortest time from one drift frame to the next while a clock joins. A tick of 10 ns in it is 100
+/// ppm, the smallest speed that a loop can recognize. Such frames take 7 % of the wire, and joining
+/// takes a tenth of the time that the cycle's own frames would need at 1 ms.
 const PACE: Nanos = Nanos(100_000);
 
-/// The same where the learned speed must hold for a cycle: at most ten frames in a cycle.
-fn pace_for(cycle: Nanos) -> Nanos {
-    PACE.max(Nanos(cycle.0 / 10))
+/// Number of drift frames in a cycle while a clock joins: at most ten, since the learned speed must
+/// hold for a cycle.
+fn parts(cycle: Nanos) -> i64 {
+    (cycle.0 / PACE.0).clamp(1, 10)
 }
 
 /// Most drift frames in flight, if the way is longer than their pace or frames are lost. It
@@ -237,3 +252,34 @@ const READING_INTERVAL: Nanos = Nanos(2_000_000);
 /// The same for 1 ns of noise: four errors of the slope of sixteen readings, 4 x sqrt(12 / 16^3) a
 /// reading, are 500 ns/s.
 const NOISE_INTERVALS: i64 = 433_000;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The cycle's frame was due at 10 ms, the next one is due at 11 ms.
+    #[test]
+    fn drift_frames_divide_the_cycle_into_equal_parts() {
+        let due = |last_us: u64| {
+            let (last, next) = (Time::new(last_us * 1_000), Time::new(11_000_000));
+            next_due(last, next, Nanos::millis(1)).count() / 1_000
+        };
+        // Late frames do not delay the others.
+        assert_eq!([10_000, 10_049, 10_100, 10_130].map(due), [10_100, 10_100, 10_200, 10_200]);
+        assert_eq!([10_051, 10_149, 10_151].map(due), [10_200, 10_200, 10_300]);
+        assert_eq!([10_800, 10_849].map(due), [10_900; 2]);
+        // The next one is that of the cycle, or that is late.
+        assert_eq!([10_900, 10_990, 11_020].map(due), [11_100; 3]);
+        // None was sent for long.
+        assert_eq!([0, 9_000].map(due), [10_100; 2]);
+    }
+
+    #[test]
+    fn short_and_long_cycles_have_fewer_and_ten_parts() {
+        let parts = |us| parts(Nanos::micros(us));
+        assert_eq!([31, 100, 199, 200, 500].map(parts), [1, 1, 1, 2, 5]);
+        assert_eq!([1_000, 2_000, 10_000].map(parts), [10; 3]);
+        let (last, next) = (Time::new(1_000_000), Time::new(1_100_000));
+        assert_eq!(next_due(last, next, Nanos::micros(100)), Time::new(1_200_000));
+    }
+}

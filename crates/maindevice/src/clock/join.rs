@@ -99,15 +99,26 @@ pub(crate) async fn join(
             measured.map_or(Nanos::ZERO, |delay| delay.or_middle())
         }
     };
+    // Delays count from the first reference that there was. A clock that joins before it, and leads
+    // from now on, would be behind by less than nothing: so all others are behind by more. No
+    // clock moves, and none is controlled meanwhile.
+    let apart = |position: usize| from_reference(position) - from_reference(known);
+    let least = clocks.iter().map(|at| delay + apart(*at)).min().unwrap_or_default();
+    let delay = match led && reference != before && least < Nanos::ZERO {
+        true => {
+            raise(link, segment, -least).await?;
+            delay + -least
+        }
+        false => delay,
+    };
     let mut writes = Vec::new();
     for &position in &clocks {
         let measured = place(position).and_then(|at| delays.get(at)).filter(|_| !in_ring).copied();
-        let apart = from_reference(position) - from_reference(known);
+        let apart = apart(position);
         let device = &mut segment.devices[position];
         if let Some(measured) = measured {
             take(link, device, measured);
         }
-        // Delays count from the first reference that there was.
         device.delay = Some(Nanos((delay + apart).0.max(0)));
         device.offset = time.wrapping_add_signed(apart.0).wrapping_sub(entry(position));
         if device.dc == DcCapability::Clock32 {
@@ -128,6 +139,23 @@ pub(crate) async fn join(
     if reference != before {
         segment.reference = Some(reference);
         link.board(|board| board.wishes.push_back(Wish::Lead(reference)));
+    }
+    Ok(())
+}
+
+/// Raises the delays of all clocks in operation.
+async fn raise(link: &Link, segment: &mut Segment, by: Nanos) -> Result<(), Cause> {
+    let mut writes = Vec::new();
+    for device in segment.devices.iter_mut().filter(|one| one.admitted && one.dc.has_clock()) {
+        let delay = device.delay.unwrap_or(Nanos::ZERO) + by;
+        device.delay = Some(delay);
+        let data = (delay.0 as u32).to_bytes();
+        let write = link.fpwr(device.station, register::SYSTEM_TIME_DELAY.address, &data);
+        writes.push((device.position, delay, write));
+    }
+    for (position, delay, write) in writes {
+        write.expect(1).await?;
+        link.board(|board| board.wishes.push_back(Wish::Delay(position, delay)));
     }
     Ok(())
 }

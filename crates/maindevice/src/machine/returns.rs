@@ -220,6 +220,12 @@ impl MainDevice {
             match (wish, &mut self.cycle) {
                 (Wish::HoldClocks, Some(cycle)) => cycle.hold_clocks(true),
                 (Wish::Lead(position), Some(_)) => self.lead(position),
+                (Wish::Delay(position, delay), Some(_)) => {
+                    self.segment.devices[position].delay = Some(delay);
+                    if let Some(quality) = &mut self.quality {
+                        quality.delay_changed(position);
+                    }
+                }
                 (Wish::LeaveOut(position), Some(cycle)) => cycle.set_present(position, false),
                 // A cycle that begins later finds out itself which SubDevices take part.
                 (_, None) => {}

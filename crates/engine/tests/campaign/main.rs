@@ -172,8 +172,8 @@ const FEW: u64 = 150;
 ///   taken for good ones;
 /// - 24970: inputs stayed empty when an error was acknowledged that had closed their SyncManager;
 /// - 1015: a SubDevice was to be replaced after another fault had restored its power;
-/// - 361: drift frames were unevenly spaced in step with the jitter of a hop, and clocks that joined
-///   stayed 36 ns off;
+/// - 361: drift frames were unevenly spaced in step with the jitter of a hop, and clocks that
+///   joined stayed 36 ns off;
 /// - 3709: pulses that stopped on the way to OP were not programmed again before the SubDevice gave
 ///   up after nine seconds.
 const ONCE: [u64; 15] =

@@ -224,10 +224,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         Some(self.flight.end)
     }
 
-    /// AL status that a cyclic frame collects which arrives at `at` and concerns the ESC in no other
-    /// way, if nothing but the frame in flight and SYNC pulses comes before it: at most one pulse,
-    /// if this ESC `bears` one. Such a frame changes nothing, so it need not be
-    /// [passed](Self::pass_cyclic). The PDI must not have changed AL status by then.
+    /// What a cyclic frame collects that arrives at `at` and only takes AL status from the ESC. It
+    /// changes nothing there, so it need not be [passed](Self::pass_cyclic). `None`: this is not
+    /// known, because more comes before it than the end of the frame in flight and, if the device
+    /// `bears` it, one SYNC0 pulse.
     #[inline]
     pub fn lasting_status(&self, at: Time<Device>, bears: bool) -> Option<u16> {
         let is_regular = matches!(self.areas, Known::Usual(_)) && self.cyclic.is_open;

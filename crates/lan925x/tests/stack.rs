@@ -265,8 +265,8 @@ fn from_init_to_op_with_sync0_over_spi() {
     let bytes = cycle(bytes, rig.board.0.borrow().bytes);
     let transactions = cycle(transactions, rig.board.0.borrow().transactions);
     println!("a cycle of 4 bytes each way: {transactions} SPI transactions, {bytes} bytes");
-    assert!((12..=18).contains(&transactions), "15 as the crate's page says: {transactions}");
-    assert!((90..=120).contains(&bytes), "105 as the crate's page says: {bytes}");
+    assert!((10..=14).contains(&transactions), "12 as the crate's page says: {transactions}");
+    assert!((75..=95).contains(&bytes), "84 as the crate's page says: {bytes}");
     assert_eq!(rig.stack.sync().missed_events_total(), 0);
     assert_eq!(rig.stack.sync().cycle_time_too_small(), 0);
     rig.assert_clean();

@@ -373,9 +373,8 @@ impl Device {
         true
     }
 
-    /// AL status that a cyclic frame collects which arrives at `begin` and concerns it in no other
-    /// way, as far as it is known that it will be this one. The frame then changes nothing, so it
-    /// need not be passed, and what happens until then waits.
+    /// What a cyclic frame collects that arrives at `begin` and only takes AL status from it, if
+    /// that is known: see [`Esc::lasting_status`]. Events up to then can wait for the next frame.
     #[inline]
     pub(crate) fn look_ahead(&mut self, begin: Time<DeviceClock>) -> Option<u16> {
         if !self.regular || self.timeout <= begin {
@@ -386,8 +385,8 @@ impl Device {
         Some(status)
     }
 
-    /// `at`, or the arrival of the last frame that it was not [passed](Self::look_ahead): up to then
-    /// it has processed its events as if it had.
+    /// `at`, or when the last frame arrived that was not [passed](Self::look_ahead), if that is
+    /// later: its events up to then count as processed.
     pub(crate) fn behind_looks(&self, at: Time<DeviceClock>) -> Time<DeviceClock> {
         self.looked_at.max(at)
     }

@@ -174,7 +174,7 @@ const FEW: u64 = 150;
 /// - 1015: a SubDevice was to be replaced after another fault had restored its power;
 /// - 361: drift frames were unevenly spaced in step with the jitter of a hop, and clocks that
 ///   joined stayed 36 ns off;
-/// - 3709: pulses that stopped on the way to OP were not programmed again before the SubDevice gave
+/// - 3709: pulses that stopped on the way to OP were not programmed again until the SubDevice gave
 ///   up after nine seconds.
 const ONCE: [u64; 15] =
     [264, 307, 361, 428, 535, 620, 636, 893, 1015, 1221, 3709, 4412, 22_903, 24_970, 34_004];

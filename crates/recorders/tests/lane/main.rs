@@ -195,6 +195,38 @@ fn samples_are_the_same_without_the_lane() {
     assert_eq!(judged, all.len());
 }
 
+/// A device without process data whose SYNC0 stays active until it is acknowledged. Its stack has no
+/// mode with SYNC, and acknowledges all the same.
+#[test]
+fn pulses_that_nobody_uses_are_acknowledged_without_the_lane_too() {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("lane");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let path = folder.join("acknowledges.xml");
+    std::fs::write(&path, acknowledges()).expect("a file");
+    let esi = path.display().to_string();
+    let all: Vec<_> = ["", "device = \"kollmorgen_akd2g\"", "device = \"simple_io16\""]
+        .iter()
+        .map(|beside| {
+            let beside = if beside.is_empty() { "" } else { &format!("[[subdevice]]\n{beside}\n") };
+            let device = format!("[[subdevice]]\nesi = {esi:?}\ntype = \"Pulses\"\nopmode = 0\n");
+            (beside.to_owned(), format!("cycle = \"1ms\"\nfor = \"40ms\"\n{beside}{device}"))
+        })
+        .collect();
+    let (judged, failures) = try_all(&all);
+    assert!(failures.is_empty(), "{}", failures.join("\n\n"));
+    assert_eq!(judged, all.len());
+}
+
+/// No process data, and SYNC0 in each cycle whose pulse length in the EEPROM is 0.
+fn acknowledges() -> String {
+    "<EtherCATInfo><Vendor><Id>1</Id><Name>Nobody</Name></Vendor><Descriptions><Groups><Group><Type>G</Type></Group></Groups>\
+     <Devices><Device Physics=\"YY\"><Type ProductCode=\"4\" RevisionNo=\"1\">Pulses</Type><GroupType>G</GroupType>\
+     <Dc><OpMode><Name>DC</Name><AssignActivate>#x0300</AssignActivate><CycleTimeSync0 Factor=\"1\">0</CycleTimeSync0>\
+     </OpMode></Dc><Eeprom><ByteSize>256</ByteSize><ConfigData>08000200</ConfigData></Eeprom></Device></Devices>\
+     </Descriptions></EtherCATInfo>"
+        .to_owned()
+}
+
 /// Ten samples of 8 bits in a cycle.
 fn sampler(kind: &str, purpose: &str, emulation: &str) -> String {
     format!(

@@ -135,7 +135,18 @@ impl Device {
         worked: &mut Option<Time<DeviceClock>>,
         watch: &mut Watcher,
     ) -> Result<Option<Place>, Irregular> {
-        let started = match self.esc.step_sync() {
+        let pulse = self.esc.step_sync();
+        if let Some(event) = pulse
+            && !self.stack.sync().mode().uses_dc()
+        {
+            // The device does not use it, but may have to acknowledge it.
+            if let Some(at) = worked.take() {
+                self.esc.note_pdi(at);
+            }
+            self.esc_event(at, event, watch);
+            return Err(Irregular);
+        }
+        let started = match pulse {
             Some(EscEvent::Sync0) => {
                 self.report(at, Observed::Sync0, Content::default(), watch);
                 let pdi = &mut self.esc.pdi_in_lane(at);

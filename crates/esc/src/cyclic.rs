@@ -103,6 +103,11 @@ impl CyclicFrame {
         Self { number, ..self }
     }
 
+    /// See [`numbered`](Self::numbered); 0 without a number.
+    pub const fn number(&self) -> u64 {
+        self.number
+    }
+
     /// Whether it brings the system time, which each ESC takes.
     pub const fn brings_time(&self) -> bool {
         self.time.is_some()

@@ -29,8 +29,8 @@ pub struct Leaving {
     pub start: Time<True>,
     /// What becomes of it.
     pub fate: Result<Returned, Lost>,
-    /// When it arrived at the [followed](Segment::pass_together) SubDevice.
-    pub arrived: Time<True>,
+    /// When it arrived at the SubDevice that is followed.
+    pub(crate) arrived: Time<True>,
 }
 
 impl Leaving {
@@ -43,10 +43,12 @@ impl Leaving {
 /// What is kept from burst to burst.
 #[derive(Default, Debug)]
 pub(crate) struct Burst {
-    /// The places of the frames' datagrams, and their numbers the last time.
+    /// The places of the frames' datagrams, and the numbers of the frames.
     lists: Vec<usize>,
-    known: Vec<usize>,
-    /// The changes of the audience then; `None` if the visits are not known.
+    numbers: Vec<u64>,
+    /// The numbers of the frames whose visits are known, and the changes of the audience then;
+    /// `None` if none are.
+    known: Vec<u64>,
     changes: Option<u64>,
     /// All visits, by place and then in the order of the frames.
     visits: Vec<Visit>,
@@ -72,7 +74,7 @@ impl Burst {
 
     /// Finds the visits of the frames, if they are not known.
     fn find_visits(&mut self, datagrams: &mut Datagrams, audience: &mut Audience, places: usize) {
-        if self.changes == Some(audience.changes()) && self.known == self.lists {
+        if self.changes == Some(audience.changes()) && self.known == self.numbers {
             return;
         }
         self.visits.clear();
@@ -93,7 +95,7 @@ impl Burst {
         }
         self.visits.sort_unstable_by_key(|visit| (visit.place, visit.frame));
         self.changes = Some(audience.changes());
-        self.known.clone_from(&self.lists);
+        self.known.clone_from(&self.numbers);
     }
 }
 
@@ -111,13 +113,8 @@ impl Segment {
         }
     }
 
-    /// Number of frames that passed together with others.
-    pub fn passed_together(&self) -> u64 {
-        self.burst.passed
-    }
-
     /// The same, if all frames are cyclic and nothing comes in their way; SubDevice after SubDevice
-    /// takes all of them. `followed`: the one whose [arrivals](Leaving::arrived) are noted; it must
+    /// takes all of them. `followed`: the one whose arrivals are noted; it must
     /// be the one that sends the system time. `false`: nothing was done.
     pub(crate) fn pass_together(
         &mut self,
@@ -132,32 +129,38 @@ impl Segment {
         if !self.is_free(from, start, end) || !self.read_all(from, frames) {
             return false;
         }
-        let Self { devices, paths, audiences, datagrams, ports, burst, stale, returns, .. } = self;
-        let (path, audience) = (&mut paths[from as usize], &mut audiences[from as usize]);
-        let places = path.entries.len();
-        if let Some(followed) = followed {
-            let place = path.entries.iter().position(|entry| entry.device == followed);
-            let sends = |list: &usize| {
-                let frame = datagrams.at(*list).cyclic.as_ref().filter(|it| it.brings_time());
-                let sends =
-                    |place| frame.is_none_or(|it| devices[followed].esc.sends_time_of(it, place));
-                place.is_some_and(sends)
-            };
-            if !burst.lists.iter().all(sends) {
-                return false;
-            }
+        if followed.is_some_and(|followed| !self.is_sender(from, followed)) {
+            return false;
         }
-        burst.find_visits(datagrams, audience, places);
+        self.cross(from, frames, followed, watch);
+        self.finish_all(from, frames);
+        self.last_frame = Some((from, end));
+        self.burst.passed += frames.len() as u64;
+        true
+    }
+
+    /// Lets the frames that were read cross the segment.
+    fn cross(
+        &mut self,
+        from: MainPort,
+        frames: &mut [Leaving],
+        followed: Option<usize>,
+        watch: &mut Watcher,
+    ) {
+        let Self { devices, paths, audiences, datagrams, ports, burst, stale, .. } = self;
+        let (path, audience) = (&mut paths[from as usize], &mut audiences[from as usize]);
+        burst.find_visits(datagrams, audience, path.entries.len());
         let Burst { lists, visits, fellows, .. } = burst;
         fellows.clear();
         for (leaving, list) in frames.iter_mut().zip(&*lists) {
-            let duration = duration(leaving.frame.frame().len());
-            fellows.push(Fellow::new(leaving.start, duration));
+            let bytes = leaving.frame.frame();
+            fellows.push(Fellow::new(leaving.start, duration(bytes.len())));
             let list = datagrams.at(*list);
             if let (Some(offset), Some(frame)) = (list.offset, &mut list.cyclic) {
-                frame.read_time(&leaving.frame.frame()[offset..]);
+                frame.read_time(&bytes[offset..]);
             }
         }
+        let looks_ahead = !watch.keeps_everything();
         let mut crossing = Crossing {
             devices,
             audience,
@@ -167,13 +170,19 @@ impl Segment {
             visits,
             frames,
             followed,
-            looks_ahead: !watch.keeps_everything(),
+            looks_ahead,
             watch,
         };
         path.time_all(fellows, ports, &mut crossing);
-        let marks = audience.marks_frames(places);
-        let Some(port) = path.end else { return true };
-        for ((leaving, list), fellow) in frames.iter_mut().zip(lists).zip(fellows) {
+    }
+
+    /// Writes into the frames what was counted separately, and notes when they are back.
+    fn finish_all(&mut self, from: MainPort, frames: &mut [Leaving]) {
+        let Self { paths, audiences, datagrams, burst, returns, .. } = self;
+        let places = paths[from as usize].entries.len();
+        let marks = audiences[from as usize].marks_frames(places);
+        let Some(port) = paths[from as usize].end else { return };
+        for ((leaving, list), fellow) in frames.iter_mut().zip(&burst.lists).zip(&burst.fellows) {
             let list = datagrams.at(*list);
             let bytes = leaving.frame.frame_mut();
             if marks {
@@ -187,9 +196,19 @@ impl Segment {
             returns.note(leaving.start, leaving.start, last_bit);
             leaving.fate = Ok(Returned { port, first_bit, last_bit, good: true });
         }
-        self.last_frame = Some((from, end));
-        self.burst.passed += frames.len() as u64;
-        true
+    }
+
+    /// Whether this SubDevice sends the system time in those of the frames that bring it.
+    fn is_sender(&mut self, from: MainPort, device: usize) -> bool {
+        let entries = &self.paths[from as usize].entries;
+        let Some(place) = entries.iter().position(|entry| entry.device == device) else {
+            return false;
+        };
+        let Self { devices, datagrams, burst, .. } = self;
+        burst.lists.iter().all(|list| {
+            let frame = datagrams.at(*list).cyclic.as_ref().filter(|frame| frame.brings_time());
+            frame.is_none_or(|frame| devices[device].esc.sends_time_of(frame, place))
+        })
     }
 
     /// Whether frames that leave a port from `start` until `end` find the segment as it is, and
@@ -212,16 +231,23 @@ impl Segment {
 
     /// Reads the datagrams of all frames. `false`: a frame is not cyclic, or like another one.
     fn read_all(&mut self, from: MainPort, frames: &[Leaving]) -> bool {
-        self.burst.lists.clear();
+        let Burst { lists, numbers, .. } = &mut self.burst;
+        lists.clear();
+        numbers.clear();
         for leaving in frames {
             self.datagrams.read(from, leaving.frame.frame());
-            let Some(place) = self.datagrams.place() else { return false };
-            if self.burst.lists.contains(&place) {
+            let Some(place) = self.datagrams.place().filter(|place| !lists.contains(place)) else {
                 return false;
-            }
-            self.burst.lists.push(place);
+            };
+            lists.push(place);
+            numbers.extend(self.datagrams.present().cyclic.as_ref().map(CyclicFrame::number));
         }
         true
+    }
+
+    /// Number of frames that passed together with others.
+    pub fn passed_together(&self) -> u64 {
+        self.burst.passed
     }
 }
 

@@ -393,7 +393,7 @@ impl Path {
                 }
             }
         }
-        fellows.iter_mut().for_each(|fellow| fellow.at = fellow.at + self.last_step);
+        fellows.iter_mut().for_each(|fellow| fellow.at += self.last_step);
         self.round_trip = fellows.last().map_or(self.round_trip, |last| last.at - last.start);
     }
 }

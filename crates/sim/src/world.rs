@@ -549,7 +549,7 @@ impl<A: Application, T: Tap> World<A, T> {
     }
 
     fn buffer(&mut self) -> Buffer {
-        self.spare.pop().unwrap_or_else(Buffer::new)
+        self.spare.pop().unwrap_or_default()
     }
 
     fn send(&mut self, from: Port, frame: Buffer) {

@@ -127,8 +127,8 @@ fn try_each(
         }
     };
     std::thread::scope(|scope| {
-        scope.spawn(&work);
-        scope.spawn(&work);
+        scope.spawn(work);
+        scope.spawn(work);
     });
     results.into_inner().expect("no thread panicked")
 }

@@ -173,7 +173,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// Returns when the frame's effects come into force, never if it has none. `None`: the frame is
     /// not regular for this ESC, and nothing was done. Then
     /// [`begin_good_frame`](Self::begin_good_frame) and its followers pass it.
-    #[inline]
+    #[inline(always)]
     pub fn pass_cyclic(
         &mut self,
         start: Time<Device>,

@@ -77,23 +77,28 @@ impl Burst {
         if self.changes == Some(audience.changes()) && self.known == self.numbers {
             return;
         }
+        // Of each frame the places that it concerns in its own way, and whether it meets all others
+        // too, and only looks at them.
+        let parts: Vec<_> = (self.lists.iter())
+            .map(|list| {
+                let list = datagrams.at(*list);
+                let some = audience.gather_some(&list.items).to_vec();
+                let brings_time = list.cyclic.as_ref().is_some_and(CyclicFrame::brings_time);
+                (some, brings_time || list.items.iter().any(Item::concerns_all), !brings_time)
+            })
+            .collect();
+        let mut next = vec![0; parts.len()];
         self.visits.clear();
-        for (frame, list) in (0..).zip(&self.lists) {
-            let list = datagrams.at(*list);
-            let some = audience.gather_some(&list.items);
-            let brings_time = list.cyclic.as_ref().is_some_and(CyclicFrame::brings_time);
-            if brings_time || list.items.iter().any(Item::concerns_all) {
-                let mut some = some.iter().copied().peekable();
-                self.visits.extend((0..places as u32).map(|place| {
-                    let looks = some.next_if_eq(&place).is_none() && !brings_time;
-                    Visit { place, frame, looks }
-                }));
-            } else {
-                let visit = |place: &u32| Visit { place: *place, frame, looks: false };
-                self.visits.extend(some.iter().map(visit));
+        for place in 0..places as u32 {
+            for (frame, (next, (some, meets_all, looks))) in (0..).zip(next.iter_mut().zip(&parts))
+            {
+                let is_one = some.get(*next) == Some(&place);
+                *next += usize::from(is_one);
+                if is_one || *meets_all {
+                    self.visits.push(Visit { place, frame, looks: *looks && !is_one });
+                }
             }
         }
-        self.visits.sort_unstable_by_key(|visit| (visit.place, visit.frame));
         self.changes = Some(audience.changes());
         self.known.clone_from(&self.numbers);
     }

@@ -352,7 +352,7 @@ impl Device {
 
     /// Passes a cyclic frame whose first bit left the MainDevice at `sent`, and that lasts from
     /// `begin` to `end` here. `false`: nothing was done, see [`Esc::pass_cyclic`].
-    #[inline]
+    #[inline(always)]
     pub(crate) fn pass_cyclic(
         &mut self,
         begin: Time<DeviceClock>,

@@ -191,17 +191,22 @@ impl Bench {
         let Some(intent) = self.intent.as_ref().filter(|_| is_cyclic(bytes)) else { return };
         let entry = segment.path().entries.iter().find(|entry| entry.device == intent.reference);
         if let Some(entry) = entry {
-            self.frame_at(segment, bytes, start + entry.after);
+            self.arrived(segment, start + entry.after);
         }
     }
 
     /// The same for a frame that arrived at the reference clock at `at`.
     pub(crate) fn frame_at(&mut self, segment: &Segment, bytes: &[u8], at: Time<True>) {
-        let (Some(intent), Some(judge)) = (&self.intent, &mut self.host_phase) else { return };
-        if !is_cyclic(bytes) {
-            return;
+        if self.intent.is_some() && is_cyclic(bytes) {
+            self.arrived(segment, at);
         }
-        if let Some(leader) = leader(self.led, intent, segment) {
+    }
+
+    /// A cyclic frame arrived at the reference clock.
+    fn arrived(&mut self, segment: &Segment, at: Time<True>) {
+        if let (Some(intent), Some(judge)) = (&self.intent, &mut self.host_phase)
+            && let Some(leader) = leader(self.led, intent, segment)
+        {
             judge.meet(leader.system_time(at));
         }
     }

@@ -46,16 +46,26 @@ pub(crate) struct Burst {
     /// The places of the frames' datagrams, and the numbers of the frames.
     lists: Vec<usize>,
     numbers: Vec<u64>,
-    /// The numbers of the frames whose visits are known, and the changes of the audience then;
-    /// `None` if none are.
-    known: Vec<u64>,
-    changes: Option<u64>,
-    /// All visits, by place and then in the order of the frames.
-    visits: Vec<Visit>,
+    /// The visits that are known, how many of them hold, and where those of the present frames are.
+    known: Vec<Visits>,
+    held: usize,
+    present: usize,
+    /// The changes of the audience when they were found.
+    changes: u64,
     fellows: Vec<Fellow>,
     /// Number of frames that passed together.
     passed: u64,
 }
+
+/// The visits of the frames with these numbers, by place and then in the order of the frames.
+#[derive(Default, Debug)]
+struct Visits {
+    numbers: Vec<u64>,
+    all: Vec<Visit>,
+}
+
+/// As many as there are cycles with other frames, where groups have cycles of their own.
+const MOST_KNOWN: usize = 16;
 
 /// One frame at one place.
 #[derive(Clone, Copy, Debug)]
@@ -69,38 +79,44 @@ struct Visit {
 impl Burst {
     /// Called when other places may be visited.
     pub fn forget(&mut self) {
-        self.changes = None;
+        self.held = 0;
     }
 
     /// Finds the visits of the frames, if they are not known.
     fn find_visits(&mut self, datagrams: &mut Datagrams, audience: &mut Audience, places: usize) {
-        if self.changes == Some(audience.changes()) && self.known == self.numbers {
+        if self.changes != audience.changes() {
+            (self.changes, self.held) = (audience.changes(), 0);
+        }
+        let mut held = self.known[..self.held].iter();
+        if let Some(place) = held.position(|visits| visits.numbers == self.numbers) {
+            self.present = place;
             return;
         }
-        // Of each frame the places that it concerns in its own way, and whether it meets all others
-        // too, and only looks at them.
-        let parts: Vec<_> = (self.lists.iter())
-            .map(|list| {
-                let list = datagrams.at(*list);
-                let some = audience.gather_some(&list.items).to_vec();
-                let brings_time = list.cyclic.as_ref().is_some_and(CyclicFrame::brings_time);
-                (some, brings_time || list.items.iter().any(Item::concerns_all), !brings_time)
-            })
-            .collect();
-        let mut next = vec![0; parts.len()];
-        self.visits.clear();
-        for place in 0..places as u32 {
-            for (frame, (next, (some, meets_all, looks))) in (0..).zip(next.iter_mut().zip(&parts))
-            {
-                let is_one = some.get(*next) == Some(&place);
-                *next += usize::from(is_one);
-                if is_one || *meets_all {
-                    self.visits.push(Visit { place, frame, looks: *looks && !is_one });
-                }
+        self.present =
+            if self.held < MOST_KNOWN { self.held } else { (self.present + 1) % MOST_KNOWN };
+        self.held = self.held.max(self.present + 1);
+        if self.known.len() < self.held {
+            self.known.push(Visits::default());
+        }
+        let Visits { numbers, all } = &mut self.known[self.present];
+        numbers.clone_from(&self.numbers);
+        all.clear();
+        for (frame, list) in (0..).zip(&self.lists) {
+            let list = datagrams.at(*list);
+            let some = audience.gather_some(&list.items);
+            let brings_time = list.cyclic.as_ref().is_some_and(CyclicFrame::brings_time);
+            if brings_time || list.items.iter().any(Item::concerns_all) {
+                let mut some = some.iter().copied().peekable();
+                all.extend((0..places as u32).map(|place| {
+                    let looks = some.next_if_eq(&place).is_none() && !brings_time;
+                    Visit { place, frame, looks }
+                }));
+            } else {
+                let visit = |place: &u32| Visit { place: *place, frame, looks: false };
+                all.extend(some.iter().map(visit));
             }
         }
-        self.changes = Some(audience.changes());
-        self.known.clone_from(&self.numbers);
+        all.sort_unstable_by_key(|visit| (visit.place, visit.frame));
     }
 }
 
@@ -155,7 +171,7 @@ impl Segment {
         let Self { devices, paths, audiences, datagrams, ports, burst, stale, .. } = self;
         let (path, audience) = (&mut paths[from as usize], &mut audiences[from as usize]);
         burst.find_visits(datagrams, audience, path.entries.len());
-        let Burst { lists, visits, fellows, .. } = burst;
+        let Burst { lists, known, present, fellows, .. } = burst;
         fellows.clear();
         for (leaving, list) in frames.iter_mut().zip(&*lists) {
             let bytes = leaving.frame.frame();
@@ -172,7 +188,7 @@ impl Segment {
             datagrams,
             stale,
             lists,
-            visits,
+            visits: &known[*present].all,
             frames,
             followed,
             looks_ahead,

@@ -195,8 +195,8 @@ fn samples_are_the_same_without_the_lane() {
     assert_eq!(judged, all.len());
 }
 
-/// A device without process data whose SYNC0 stays active until it is acknowledged. Its stack has no
-/// mode with SYNC, and acknowledges all the same.
+/// A device without process data whose SYNC0 stays active until it is acknowledged. Its stack has
+/// no mode with SYNC, and acknowledges all the same.
 #[test]
 fn pulses_that_nobody_uses_are_acknowledged_without_the_lane_too() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("lane");

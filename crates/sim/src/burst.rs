@@ -46,7 +46,8 @@ pub(crate) struct Burst {
     /// The places of the frames' datagrams, and the numbers of the frames.
     lists: Vec<usize>,
     numbers: Vec<u64>,
-    /// The visits that are known, how many of them hold, and where those of the present frames are.
+    /// The visits that are known, how many of them hold, and where those of the present frames
+    /// are.
     known: Vec<Visits>,
     held: usize,
     present: usize,
@@ -135,8 +136,8 @@ impl Segment {
     }
 
     /// The same, if all frames are cyclic and nothing comes in their way; SubDevice after SubDevice
-    /// takes all of them. `followed`: the one whose arrivals are noted; it must
-    /// be the one that sends the system time. `false`: nothing was done.
+    /// takes all of them. `followed`: the SubDevice whose arrivals are noted; it must be the one
+    /// that sends the system time. `false`: nothing was done.
     pub(crate) fn pass_together(
         &mut self,
         from: MainPort,
@@ -240,11 +241,11 @@ impl Segment {
         let back = end + (path.round_trip + path.round_trip) + Picos::from(Nanos::millis(1));
         let is_whole = path.end.is_some() && path.processed_first && !path.entries.is_empty();
         let is_calm = !self.unsettled && audience.restless() == 0 && !audience.stops_circulating();
-        let sees_nobody = self.probes.are_none() && !self.probes.are_in_cables();
+        let is_unseen = self.probes.are_none() && !self.probes.are_in_cables();
         self.lane
             && is_whole
             && is_calm
-            && sees_nobody
+            && is_unseen
             && !self.next_frame.exists()
             && self.copy_of.is_none()
             && self.disturbances.are_quiet(start, back)
@@ -283,7 +284,8 @@ struct Crossing<'a> {
     visits: &'a [Visit],
     frames: &'a mut [Leaving],
     followed: Option<usize>,
-    /// Whether nobody looks on all the time, who would see events later than they happen.
+    /// Whether a frame that only collects AL status may leave a SubDevice alone. Its events are
+    /// reported later then, so it may not where all events are observed.
     looks_ahead: bool,
     watch: &'a mut Watcher,
 }

@@ -74,7 +74,7 @@ pub struct Closing {
 /// Cables have the numbers of the SubDevices to which they lead; cables laid later
 /// ([`Segment::close_ring`]) follow.
 ///
-/// - Frames: [`pass`](Self::pass), [`pass_from`](Self::pass_from);
+/// - Frames: [`pass`](Self::pass), [`pass_from`](Self::pass_from), [`pass_all`](Self::pass_all);
 /// - changes of cables: [`unplug`](Self::unplug), [`plug`](Self::plug), [`disturb`](Self::disturb),
 ///   and of SubDevices: [`power_off`](Self::power_off), [`power_on`](Self::power_on), each at a
 ///   point of true time that no frame has passed yet;

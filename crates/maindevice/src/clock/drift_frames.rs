@@ -139,9 +139,9 @@ impl<'a> Burst<'a> {
 ///
 /// The other clocks get the same time more often. So that this disturbs them little, all intervals
 /// are alike, with the frame of the cycle as one of them: a loop divides by the time since the last
-/// frame. The jitter of a hop goes round as two clocks slip, and with clocks so many ppm apart that
-/// it does so in step with the cycle, it comes to the same interval in each cycle. Were that a
-/// shorter one, each loop would learn a wrong speed, which would hold its clock 50 ns off.
+/// frame. The jitter of a hop repeats as two clocks slip. If it repeats once a cycle, it always
+/// falls on the same interval. Were that one shorter than the others, each loop would learn a wrong
+/// speed, which would hold its clock 50 ns off.
 ///
 /// The cycle's own datagram detects a wrong working counter.
 pub(super) async fn hasten(link: &Link, config: &Config, reference: StationAddress) {

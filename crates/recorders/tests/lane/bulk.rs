@@ -1,11 +1,11 @@
-//! Segments with so many process data that a cycle has several frames. Where no tap looks on, these
-//! pass each SubDevice together, which must not be visible either.
+//! Segments whose process data need several frames a cycle. Without a tap, these frames pass each
+//! SubDevice together, and no result may show it.
 
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_wire::Nanos;
 
 use crate::witness::Digest;
-use crate::{Digests, Nobody, number, results, scenarios, try_each};
+use crate::{Digests, Nobody, number, results, scenarios, try_each, written};
 
 /// What a run without a tap leaves behind, and how many frames passed together.
 fn run(scenario: &Scenario, lane: bool) -> (Digests, u64) {
@@ -47,11 +47,7 @@ fn with_bulk(number: u64, esi: &str) -> String {
 
 #[test]
 fn frames_of_a_cycle_pass_together_as_they_pass_one_by_one() {
-    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("lane");
-    std::fs::create_dir_all(&folder).expect("a folder");
-    let path = folder.join("bulk.xml");
-    std::fs::write(&path, description()).expect("a file");
-    let esi = path.display().to_string();
+    let esi = written("bulk.xml", &description());
     let (from, count) = (number("ISOCAT_SEGMENTS_FROM", 0), number("ISOCAT_SEGMENTS", 24));
     let all: Vec<_> = (from..from + count)
         .map(|number| (format!("scenario {number}"), with_bulk(number, &esi)))

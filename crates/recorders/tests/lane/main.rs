@@ -101,6 +101,15 @@ fn number(name: &str, otherwise: u64) -> u64 {
     text.map_or(otherwise, |text| text.parse().expect("a number of scenarios"))
 }
 
+/// Writes a device description; returns its path.
+fn written(name: &str, description: &str) -> String {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("lane");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let path = folder.join(name);
+    std::fs::write(&path, description).expect("a file");
+    path.display().to_string()
+}
+
 /// Runs all scenarios; returns how many were judged, and what differed.
 fn try_all(all: &[(String, String)]) -> (usize, Vec<String>) {
     try_each(all, try_one)
@@ -172,16 +181,11 @@ fn documented_faults_are_the_same_without_the_lane() {
 /// whole.
 #[test]
 fn samples_are_the_same_without_the_lane() {
-    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("lane");
-    std::fs::create_dir_all(&folder).expect("a folder");
-    let path = folder.join("sampler.xml");
     let mut all = Vec::new();
     for (kind, purpose) in [("TxPdo", "Inputs"), ("RxPdo", "Outputs")] {
         for (emulation, sync0) in [("0C", ""), ("0D", ""), ("0C", "sync0_cycle = \"250us\"\n")] {
             let name = format!("{purpose}-{emulation}.xml");
-            let description = sampler(kind, purpose, emulation);
-            std::fs::write(path.with_file_name(&name), description).expect("a file");
-            let esi = path.with_file_name(&name).display().to_string();
+            let esi = written(&name, &sampler(kind, purpose, emulation));
             let device = format!("[[subdevice]]\nesi = {esi:?}\ntype = \"Sampler\"\n{sync0}");
             let fault = "[[fault]]\nat = \"in-operation + 20ms\"\nwhat = \"drop 2\"\n";
             let text = format!(
@@ -199,11 +203,7 @@ fn samples_are_the_same_without_the_lane() {
 /// no mode with SYNC, and acknowledges all the same.
 #[test]
 fn pulses_that_nobody_uses_are_acknowledged_without_the_lane_too() {
-    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("lane");
-    std::fs::create_dir_all(&folder).expect("a folder");
-    let path = folder.join("acknowledges.xml");
-    std::fs::write(&path, acknowledges()).expect("a file");
-    let esi = path.display().to_string();
+    let esi = written("acknowledges.xml", &acknowledges());
     let all: Vec<_> = ["", "device = \"kollmorgen_akd2g\"", "device = \"simple_io16\""]
         .iter()
         .map(|beside| {

@@ -120,7 +120,7 @@ impl Points {
     fn expect_after(&mut self, point: u64, number: i64) {
         let cycle = self.grid.cycle.0 as u64;
         self.number = number.wrapping_add(1);
-        // Where the counter wraps none is expected: it is found anew, with its number.
+        // Where the counter wraps, no next point is kept; the search finds it.
         self.next = point.checked_add(cycle).filter(|next| *next <= u64::MAX - cycle);
     }
 

@@ -457,6 +457,13 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.rest
     }
 
+    /// The same, found out again: a watchdog may have been restarted since.
+    #[inline(never)]
+    pub fn find_rest(&mut self) -> Time<Device> {
+        self.note_rest();
+        self.rest
+    }
+
     /// The earliest due time of the units that are seldom due.
     fn rest_due(&self) -> Time<Device> {
         (self.watchdog.due().min(self.pdi_watchdog.due()))

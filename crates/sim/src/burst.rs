@@ -31,20 +31,39 @@ pub struct Leaving {
     pub fate: Result<Returned, Lost>,
     /// When it arrived at the SubDevice that is followed.
     pub(crate) arrived: Time<True>,
+    /// Where its datagrams are kept, and where they lie in the frame.
+    list: usize,
+    offset: usize,
+    /// The frame of these datagrams, while it crosses the segment.
+    cyclic: CyclicFrame,
 }
 
 impl Leaving {
     /// A frame whose first bit leaves at `start`.
     pub fn new(frame: Buffer, start: Time<True>) -> Self {
-        Self { frame, start, fate: Err(Lost::Circulates), arrived: Time::NEVER }
+        Self {
+            frame,
+            start,
+            fate: Err(Lost::Circulates),
+            arrived: Time::NEVER,
+            list: 0,
+            offset: 0,
+            cyclic: CyclicFrame::default(),
+        }
+    }
+
+    /// Takes the frame from its list, or gives it back.
+    fn swap_cyclic(&mut self, datagrams: &mut Datagrams) {
+        if let Some(frame) = &mut datagrams.at(self.list).cyclic {
+            std::mem::swap(&mut self.cyclic, frame);
+        }
     }
 }
 
 /// What is kept from burst to burst.
 #[derive(Default, Debug)]
 pub(crate) struct Burst {
-    /// The places of the frames' datagrams, and the numbers of the frames.
-    lists: Vec<usize>,
+    /// The numbers of the frames.
     numbers: Vec<u64>,
     /// The visits that are known, how many of them hold, and where those of the present frames
     /// are.
@@ -84,7 +103,13 @@ impl Burst {
     }
 
     /// Finds the visits of the frames, if they are not known.
-    fn find_visits(&mut self, datagrams: &mut Datagrams, audience: &mut Audience, places: usize) {
+    fn find_visits(
+        &mut self,
+        frames: &[Leaving],
+        datagrams: &mut Datagrams,
+        audience: &mut Audience,
+        places: usize,
+    ) {
         if self.changes != audience.changes() {
             (self.changes, self.held) = (audience.changes(), 0);
         }
@@ -102,8 +127,8 @@ impl Burst {
         let Visits { numbers, all } = &mut self.known[self.present];
         numbers.clone_from(&self.numbers);
         all.clear();
-        for (frame, list) in (0..).zip(&self.lists) {
-            let list = datagrams.at(*list);
+        for (frame, leaving) in (0..).zip(frames) {
+            let list = datagrams.at(leaving.list);
             let some = audience.gather_some(&list.items);
             let brings_time = list.cyclic.as_ref().is_some_and(CyclicFrame::brings_time);
             if brings_time || list.items.iter().any(Item::concerns_all) {
@@ -151,7 +176,7 @@ impl Segment {
         if !self.is_free(from, start, end) || !self.read_all(from, frames) {
             return false;
         }
-        if followed.is_some_and(|followed| !self.is_sender(from, followed)) {
+        if followed.is_some_and(|followed| !self.is_sender(from, frames, followed)) {
             return false;
         }
         self.cross(from, frames, followed, watch);
@@ -171,16 +196,14 @@ impl Segment {
     ) {
         let Self { devices, paths, audiences, datagrams, ports, burst, stale, .. } = self;
         let (path, audience) = (&mut paths[from as usize], &mut audiences[from as usize]);
-        burst.find_visits(datagrams, audience, path.entries.len());
-        let Burst { lists, known, present, fellows, .. } = burst;
+        burst.find_visits(frames, datagrams, audience, path.entries.len());
+        let Burst { known, present, fellows, .. } = burst;
         fellows.clear();
-        for (leaving, list) in frames.iter_mut().zip(&*lists) {
+        for leaving in &mut *frames {
+            leaving.swap_cyclic(datagrams);
             let bytes = leaving.frame.frame();
             fellows.push(Fellow::new(leaving.start, duration(bytes.len())));
-            let list = datagrams.at(*list);
-            if let (Some(offset), Some(frame)) = (list.offset, &mut list.cyclic) {
-                frame.read_time(&bytes[offset..]);
-            }
+            leaving.cyclic.read_time(&bytes[leaving.offset..]);
         }
         let looks_ahead = !watch.keeps_everything();
         let mut crossing = Crossing {
@@ -188,7 +211,6 @@ impl Segment {
             audience,
             datagrams,
             stale,
-            lists,
             visits: &known[*present].all,
             frames,
             followed,
@@ -204,16 +226,16 @@ impl Segment {
         let places = paths[from as usize].entries.len();
         let marks = audiences[from as usize].marks_frames(places);
         let Some(port) = paths[from as usize].end else { return };
-        for ((leaving, list), fellow) in frames.iter_mut().zip(&burst.lists).zip(&burst.fellows) {
-            let list = datagrams.at(*list);
+        for (leaving, fellow) in frames.iter_mut().zip(&burst.fellows) {
+            leaving.swap_cyclic(datagrams);
+            let list = datagrams.at(leaving.list);
             let bytes = leaving.frame.frame_mut();
             if marks {
                 bytes[6] |= frame::LOCALLY_ADMINISTERED;
             }
-            if let Some(offset) = list.offset {
-                list.add_counts(&mut bytes[offset..]);
-                list.write_counts(&mut bytes[offset..], places);
-            }
+            let payload = &mut bytes[leaving.offset..];
+            list.add_counts(payload);
+            list.write_counts(payload, places);
             let (first_bit, last_bit) = (fellow.at, fellow.at + fellow.duration);
             returns.note(leaving.start, leaving.start, last_bit);
             leaving.fate = Ok(Returned { port, first_bit, last_bit, good: true });
@@ -221,14 +243,15 @@ impl Segment {
     }
 
     /// Whether this SubDevice sends the system time in those of the frames that bring it.
-    fn is_sender(&mut self, from: MainPort, device: usize) -> bool {
+    fn is_sender(&mut self, from: MainPort, frames: &[Leaving], device: usize) -> bool {
         let entries = &self.paths[from as usize].entries;
         let Some(place) = entries.iter().position(|entry| entry.device == device) else {
             return false;
         };
-        let Self { devices, datagrams, burst, .. } = self;
-        burst.lists.iter().all(|list| {
-            let frame = datagrams.at(*list).cyclic.as_ref().filter(|frame| frame.brings_time());
+        let Self { devices, datagrams, .. } = self;
+        frames.iter().all(|leaving| {
+            let frame = &datagrams.at(leaving.list).cyclic;
+            let frame = frame.as_ref().filter(|frame| frame.brings_time());
             frame.is_none_or(|frame| devices[device].esc.sends_time_of(frame, place))
         })
     }
@@ -252,17 +275,21 @@ impl Segment {
     }
 
     /// Reads the datagrams of all frames. `false`: a frame is not cyclic, or like another one.
-    fn read_all(&mut self, from: MainPort, frames: &[Leaving]) -> bool {
-        let Burst { lists, numbers, .. } = &mut self.burst;
-        lists.clear();
+    fn read_all(&mut self, from: MainPort, frames: &mut [Leaving]) -> bool {
+        let numbers = &mut self.burst.numbers;
         numbers.clear();
         for leaving in frames {
             self.datagrams.read(from, leaving.frame.frame());
-            let Some(place) = self.datagrams.place().filter(|place| !lists.contains(place)) else {
+            let Some(list) = self.datagrams.place() else { return false };
+            let datagrams = self.datagrams.present();
+            let (Some(offset), Some(frame)) = (datagrams.offset, &datagrams.cyclic) else {
                 return false;
             };
-            lists.push(place);
-            numbers.extend(self.datagrams.present().cyclic.as_ref().map(CyclicFrame::number));
+            if numbers.contains(&frame.number()) {
+                return false;
+            }
+            numbers.push(frame.number());
+            (leaving.list, leaving.offset) = (list, offset);
         }
         true
     }
@@ -279,7 +306,6 @@ struct Crossing<'a> {
     audience: &'a mut Audience,
     datagrams: &'a mut Datagrams,
     stale: &'a mut bool,
-    lists: &'a [usize],
     /// The visits that are to come.
     visits: &'a [Visit],
     frames: &'a mut [Leaving],
@@ -295,6 +321,7 @@ impl Stations for Crossing<'_> {
         self.devices[device].oscillator()
     }
 
+    #[inline(always)]
     fn entered(&mut self, place: usize, device: usize, fellows: &[Fellow]) {
         if self.followed == Some(device) {
             for (leaving, fellow) in self.frames.iter_mut().zip(fellows) {
@@ -314,29 +341,27 @@ impl Crossing<'_> {
     #[inline(always)]
     fn visit(&mut self, visit: Visit, device: usize, fellow: &Fellow) {
         let Self { devices, audience, datagrams, stale, watch, .. } = self;
-        let (place, number) = (visit.place as usize, usize::from(visit.frame));
+        let place = visit.place as usize;
         let device = &mut devices[device];
-        let list = datagrams.at(self.lists[number]);
-        let (Some(frame), Some(offset)) = (&mut list.cyclic, list.offset) else { return };
+        let leaving = &mut self.frames[usize::from(visit.frame)];
         let begin = device.oscillator().read(fellow.at);
         if visit.looks
             && self.looks_ahead
             && let Some(status) = device.look_ahead(begin)
         {
-            return frame.collect(status);
+            return leaving.cyclic.collect(status);
         }
         device.advance(begin, watch);
         **stale |= device.ports_changed();
         audience.update(place, device.esc.reach_version(), || device.esc.reach());
-        let payload = &mut self.frames[number].frame.frame_mut()[offset..];
-        let end = fellow.at + fellow.duration;
+        let payload = &mut leaving.frame.frame_mut()[leaving.offset..];
+        let (frame, end) = (&mut leaving.cyclic, fellow.at + fellow.duration);
         if !device.pass_cyclic(begin, end, fellow.start, frame, place, payload) {
+            let list = datagrams.at(leaving.list);
             let latches =
                 answer((device, audience, place), begin, (list, payload), (fellow.start, end));
             debug_assert!(!latches, "a cyclic frame writes no receive times");
-            if let Some(frame) = &mut list.cyclic {
-                frame.read_time(payload);
-            }
+            frame.read_time(payload);
         }
     }
 }

@@ -367,31 +367,34 @@ impl Path {
     ) {
         let (Some(first), Some(last)) = (fellows.first(), fellows.last()) else { return };
         let (sent, is_near) = (last.start, first.start.count() < NEAR);
-        if self.steps.is_empty() {
-            for (place, entry) in self.entries.iter().enumerate() {
-                fellows.iter_mut().for_each(|fellow| fellow.at = fellow.start + entry.after);
-                stations.entered(place, entry.device, fellows);
-            }
-            fellows.iter_mut().for_each(|fellow| fellow.at = fellow.start + self.round_trip);
-            return;
-        }
         let mut steps = self.steps.as_slice();
-        let (mut entries, mut returns) =
-            (self.entries.iter_mut().enumerate(), &mut self.returns[..]);
+        let (mut entries, mut returns) = (self.entries.as_mut_slice(), self.returns.as_mut_slice());
+        let mut place = 0;
         fellows.iter_mut().for_each(|fellow| fellow.at = fellow.start);
         for leg in &self.legs {
             let taken = steps.split_off(..leg.steps).unwrap_or_default();
-            if leg.entries {
-                for (step, (place, entry)) in taken.iter().zip(entries.by_ref()) {
-                    entry.after = step.take_all(fellows, is_near, ports, stations) - sent;
-                    stations.entered(place, entry.device, fellows);
-                }
-            } else {
+            if !leg.entries {
                 let reached = returns.split_off_mut(..leg.steps).unwrap_or_default();
                 for (step, arrival) in taken.iter().zip(reached) {
                     arrival.after = step.take_all(fellows, is_near, ports, stations) - sent;
                 }
+                continue;
             }
+            let mut taken = taken.iter();
+            for entry in entries.split_off_mut(..leg.steps).unwrap_or_default() {
+                if let Some(step) = taken.next() {
+                    entry.after = step.take_all(fellows, is_near, ports, stations) - sent;
+                } else {
+                    let at = |fellow: &mut Fellow| fellow.at = fellow.start + entry.after;
+                    fellows.iter_mut().for_each(at);
+                }
+                stations.entered(place, entry.device, fellows);
+                place += 1;
+            }
+        }
+        if self.steps.is_empty() {
+            fellows.iter_mut().for_each(|fellow| fellow.at = fellow.start + self.round_trip);
+            return;
         }
         fellows.iter_mut().for_each(|fellow| fellow.at += self.last_step);
         self.round_trip = fellows.last().map_or(self.round_trip, |last| last.at - last.start);

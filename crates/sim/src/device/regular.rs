@@ -65,7 +65,10 @@ impl Device {
         }
         loop {
             let Some((frame, sync)) = self.esc.cyclic_dues() else { return Err(Irregular) };
-            let (rest, timeout) = (self.esc.rest_until(), self.timeout);
+            let (mut rest, timeout) = (self.esc.rest_until(), self.timeout);
+            if rest <= limit {
+                rest = self.esc.find_rest();
+            }
             if rest <= limit || timeout <= limit && self.stack.timer() != Some(timeout) {
                 return Err(Irregular);
             }

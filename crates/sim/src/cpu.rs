@@ -1,285 +1,17 @@
 //! A SubDevice's CPU: when the steps of a cycle begin and end.
 
+mod model;
+mod plan;
+mod sequence;
+
 use isocat_subdevice::{Event, MAX_STEPS, Step, Steps};
 use isocat_wire::time::{Device, Nanos, Time};
 
 use crate::random::Stream;
-
-/// How long a SubDevice's CPU takes, in ns of its own oscillator.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct CpuModel {
-    /// Time from an event to the answer of the main loop (state changes, mailbox).
-    pub reaction: Nanos,
-    /// Time from the SM2 event until outputs are copied and calculated, including interrupt
-    /// latency: the value that 0x1C32:06 should state.
-    pub copy_outputs: Nanos,
-    /// Time of the application's work.
-    pub application: Nanos,
-    /// Time from Input Latch until inputs are in the buffer: the value that 0x1C33:06 should state.
-    pub copy_inputs: Nanos,
-    /// Spread, peak to peak, of the time at which the steps of an event begin: interrupts are
-    /// sometimes delayed.
-    pub jitter: Nanos,
-    /// Time from a SYNC pulse until the program reads 0x098E (SYNC1: 0x098F), if its signal stays
-    /// active until then: register 0x0982 is 0. It spreads by [`CpuModel::jitter`] like the steps.
-    pub acknowledge: Nanos,
-    /// Variation of the times above.
-    pub unevenness: Unevenness,
-}
-
-/// How a CPU's times vary from cycle to cycle. By default they do not vary.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Unevenness {
-    /// Longest interrupt latency: from the SM2 event until the outputs are fetched; it is usually
-    /// much shorter. It is part of the copy time, not added to it.
-    pub latency: Nanos,
-    /// How much faster than their stated, longest time copying and the application may be, in
-    /// percent, with a uniform distribution.
-    pub variation: u8,
-    /// Rare cycles in which the application takes longer than its longest time.
-    pub overrun: Option<Overrun>,
-    /// Spread, peak to peak, of the local timer that shifts outputs and inputs, and of other
-    /// delayed actions.
-    pub timer_jitter: Nanos,
-}
-
-/// An application that takes too long in random cycles.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Overrun {
-    /// It happens once in this number of cycles, on average.
-    pub one_in: u32,
-    /// The additional time.
-    pub by: Nanos,
-}
-
-impl Default for CpuModel {
-    fn default() -> Self {
-        Self {
-            reaction: Nanos(50_000),
-            copy_outputs: Nanos(20_000),
-            application: Nanos(10_000),
-            copy_inputs: Nanos(10_000),
-            jitter: Nanos(0),
-            acknowledge: Nanos(0),
-            unevenness: Unevenness::default(),
-        }
-    }
-}
-
-/// An action of the CPU at an instant.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Action {
-    /// A step ends. It is the first action: steps that end at an instant end before others begin.
-    Finish(Step),
-    /// A SYNC pulse is acknowledged.
-    Acknowledge(Event),
-    /// A step begins.
-    Begin(Step),
-    /// The main loop runs.
-    Poll,
-}
-
-/// The actions that one event starts, in the order of time.
-#[derive(Clone, Copy, Debug)]
-pub struct Plan {
-    parts: [Part; MAX_PARTS],
-    len: u8,
-}
-
-/// A part of a plan: an action, or a step from its beginning to its end.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Part {
-    /// Time from the event to the action, or to the beginning of the step.
-    pub after: Nanos,
-    /// Time from the event to the end of the step.
-    pub until: Nanos,
-    /// What happens.
-    pub what: What,
-}
-
-/// The content of a part.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum What {
-    /// A step, during which no other action of the plan happens.
-    Step(Step),
-    /// One action.
-    Action(Action),
-}
-
-impl Plan {
-    /// Nothing.
-    pub const NONE: Self = Self {
-        parts: [Part { after: Nanos::ZERO, until: Nanos::ZERO, what: What::Action(Action::Poll) };
-            MAX_PARTS],
-        len: 0,
-    };
-
-    /// Inserts an action after all that are due no later.
-    fn insert(&mut self, after: Nanos, action: Action) {
-        let mut place = usize::from(self.len);
-        while place > 0 && self.parts[place - 1].after > after {
-            self.parts[place] = self.parts[place - 1];
-            place -= 1;
-        }
-        self.parts[place] = Part { after, until: after, what: What::Action(action) };
-        self.len += 1;
-    }
-
-    /// Makes one part of the beginning and the end of each step between which nothing happens.
-    fn join(&mut self) {
-        let mut joined = 0;
-        let mut number = 0;
-        while number < usize::from(self.len) {
-            let mut part = self.parts[number];
-            number += 1;
-            if let What::Action(Action::Begin(step)) = part.what
-                && let Some(next) = self.part(number)
-                && next.what == What::Action(Action::Finish(step))
-            {
-                part = Part { until: next.after, what: What::Step(step), ..part };
-                number += 1;
-            }
-            self.parts[joined] = part;
-            joined += 1;
-        }
-        self.len = joined as u8;
-    }
-
-    /// Adds the steps of an event, each with the times of its beginning and its end. `in_order`:
-    /// each ends before the next one begins, and there is nothing else.
-    fn add(&mut self, steps: impl Iterator<Item = (Step, Nanos, Nanos)>, in_order: bool) {
-        if in_order {
-            for (part, (step, after, until)) in self.parts.iter_mut().zip(steps) {
-                *part = Part { after, until, what: What::Step(step) };
-                self.len += 1;
-            }
-            return;
-        }
-        for (step, begin, end) in steps {
-            self.insert(begin, Action::Begin(step));
-            self.insert(end, Action::Finish(step));
-        }
-        self.join();
-    }
-
-    /// Becomes the plan of the steps of an event.
-    pub fn take_sequence(&mut self, sequence: &Sequence) {
-        self.len = 0;
-        let spans = sequence.spans().iter().take_while(|span| span.step.is_some());
-        // What begins at an instant stands in the order of the steps, not in that of their ends.
-        let all = (0..spans.clone().count()).filter_map(|number| {
-            let span = spans.clone().find(|span| usize::from(span.number) == number)?;
-            Some((span.step?, span.after(), span.until()))
-        });
-        self.add(all, sequence.in_order);
-    }
-
-    /// One of the parts.
-    #[inline]
-    pub fn part(&self, number: usize) -> Option<Part> {
-        (number < MAX_PARTS.min(self.len.into())).then(|| self.parts[number])
-    }
-}
-
-/// The times of the steps of an event, in the order in which the steps end.
-#[derive(Clone, Copy, Debug)]
-pub struct Sequence {
-    /// The steps, up to the first one that is none.
-    spans: [Span; MAX_STEPS + 1],
-    end: u32,
-    /// Whether each step ends before the next one begins.
-    in_order: bool,
-    /// See [`Sequence::is_whole`].
-    whole: bool,
-}
-
-/// A step with the times from the event to its beginning and its end, ns.
-#[derive(Clone, Copy, Debug)]
-pub struct Span {
-    /// The step; `None` behind the last one.
-    pub step: Option<Step>,
-    /// Its number among the steps of the event.
-    number: u8,
-    after: u32,
-    until: u32,
-}
-
-impl Span {
-    /// Time from the event to its beginning.
-    #[inline]
-    pub fn after(&self) -> Nanos {
-        Nanos(self.after.into())
-    }
-
-    /// Time from the event to its end.
-    #[inline]
-    pub fn until(&self) -> Nanos {
-        Nanos(self.until.into())
-    }
-}
-
-impl Sequence {
-    /// Nothing.
-    pub const NONE: Self = {
-        let none = Span { step: None, number: 0, after: 0, until: 0 };
-        Self { spans: [none; MAX_STEPS + 1], end: 0, in_order: true, whole: true }
-    };
-
-    /// Puts the next step; it has this number.
-    #[inline(always)]
-    fn put(&mut self, number: usize, step: Step, after: u32, until: u32) {
-        self.whole &= after <= until;
-        let mut place = number;
-        while let Some(before) = place.checked_sub(1).map(|at| self.spans[at])
-            && before.until > until
-        {
-            // Outputs are fetched at the beginning of their mapping, which thus has two effects.
-            self.whole &= before.step != Some(Step::MapOutputs);
-            self.spans[place] = before;
-            place -= 1;
-        }
-        self.spans[place] = Span { step: Some(step), number: number as u8, after, until };
-    }
-
-    /// Whether each step ends before the next one begins.
-    #[inline]
-    pub fn in_order(&self) -> bool {
-        self.in_order
-    }
-
-    /// Whether each step may be done at once at its end, though others come while it is in
-    /// progress: all that it does, it does then.
-    #[inline]
-    pub fn is_whole(&self) -> bool {
-        self.whole
-    }
-
-    /// Number of parts of a [`Plan`] that the first `count` steps are. A step during which another
-    /// one comes is two parts.
-    pub fn parts(&self, count: usize) -> usize {
-        let done = &self.spans[..count];
-        let divided = |(place, span): &(usize, &Span)| {
-            let comes = |other: &Span| other.number > span.number && other.after >= span.after;
-            done[..*place].iter().any(comes)
-        };
-        count + done.iter().enumerate().filter(divided).count()
-    }
-
-    /// Time from the event to the end of the last step.
-    #[inline]
-    pub fn end(&self) -> Nanos {
-        Nanos(self.end.into())
-    }
-
-    /// The steps in the order of their ends, up to the first one that is none.
-    #[inline]
-    pub fn spans(&self) -> &[Span] {
-        &self.spans
-    }
-}
-
-/// Most parts of a plan: the beginning and the end of each step, and an acknowledge.
-const MAX_PARTS: usize = 2 * MAX_STEPS + 1;
+use model::{Bounds, FAR, at_random};
+pub use model::{CpuModel, Overrun, Unevenness};
+pub use plan::{Action, Part, Plan, What};
+pub use sequence::{Sequence, Span};
 
 /// The planned actions of a CPU.
 #[derive(Clone, Debug)]
@@ -297,67 +29,6 @@ pub struct Cpu {
     bounds: Bounds,
     jitter: Stream,
 }
-
-/// What the times of steps are drawn from, ns. No time is longer than [`FAR`], so that sums of them
-/// stay within their range.
-#[derive(Clone, Copy, Debug)]
-struct Bounds {
-    copy_outputs: Duration,
-    application: Duration,
-    copy_inputs: Duration,
-    timer_jitter: i64,
-    latency: i64,
-    /// The number of cycles of which one takes longer, and by how much.
-    overrun: Option<(u64, i64)>,
-}
-
-impl Bounds {
-    fn new(model: &CpuModel) -> Self {
-        let Unevenness { latency, variation, overrun, timer_jitter } = model.unevenness;
-        let bound = |time: Nanos| time.0.clamp(-FAR, FAR);
-        let variation = i64::from(variation.min(100));
-        let duration = |longest: Nanos| {
-            let longest = bound(longest);
-            Duration { longest, spread: longest / 100 * variation }
-        };
-        Self {
-            copy_outputs: duration(model.copy_outputs),
-            application: duration(model.application),
-            copy_inputs: duration(model.copy_inputs),
-            timer_jitter: bound(timer_jitter),
-            latency: bound(latency),
-            overrun: overrun.map(|Overrun { one_in, by }| (one_in.max(1).into(), bound(by))),
-        }
-    }
-}
-
-/// A uniformly distributed time, ns.
-#[derive(Clone, Copy, Debug)]
-struct Duration {
-    longest: i64,
-    spread: i64,
-}
-
-impl Duration {
-    #[inline(always)]
-    fn draw(self, jitter: &mut Stream) -> i64 {
-        self.longest - at_random(jitter, self.spread)
-    }
-}
-
-/// A random time of at most `most`.
-#[inline(always)]
-fn at_random(jitter: &mut Stream, most: i64) -> i64 {
-    // Without variation nothing is drawn, so that other random numbers stay the same.
-    match most {
-        1.. => jitter.up_to(most as u64) as i64,
-        _ => 0,
-    }
-}
-
-/// 36 years.
-const FAR: i64 = 1 << 60;
-
 impl Cpu {
     /// An idle CPU.
     pub fn new(model: CpuModel, jitter: Stream) -> Self {
@@ -431,7 +102,7 @@ impl Cpu {
     /// What an event starts, as [`start`](Self::start) would start it. Call this only once for each
     /// event, since variations are drawn, unless the CPU is [even](Self::is_even).
     pub fn plan(&mut self, steps: &Steps, pulse: Option<Event>, plan: &mut Plan) {
-        plan.len = 0;
+        plan.clear();
         if steps.is_empty() && pulse.is_none() {
             return;
         }
@@ -457,14 +128,12 @@ impl Cpu {
         let mut jitter = self.jitter.clone();
         let (_, at) = self.late(&mut jitter, steps, false);
         let mut all = 0;
-        sequence.whole = true;
-        let (in_order, end) = self.times(&mut jitter, steps, at, |number, step, begin, end| {
-            sequence.put(number, step, begin.0 as u32, end.0 as u32);
-            all |= begin.0 | end.0;
+        sequence.take(steps.len(), |sequence| {
+            self.times(&mut jitter, steps, at, |number, step, begin, end| {
+                sequence.put(number, step, begin.0 as u32, end.0 as u32);
+                all |= begin.0 | end.0;
+            })
         });
-        // The rest may be another event's.
-        sequence.spans[steps.len()].step = None;
-        (sequence.end, sequence.in_order) = (end.0 as u32, in_order);
         let fits = u32::try_from(all).is_ok();
         if fits {
             self.jitter = jitter;
@@ -693,12 +362,12 @@ mod tests {
                 continue;
             }
             same.take_sequence(&drawn);
-            let parts = |plan: &Plan| plan.parts[..plan.len.into()].to_vec();
+            let parts = |plan: &Plan| plan.all().to_vec();
             assert_eq!(parts(&plan), parts(&same));
             let spans = &drawn.spans()[..steps.len()];
-            assert!(spans.is_sorted_by_key(|span| span.until));
+            assert!(spans.is_sorted_by_key(|span| span.until()));
             assert_eq!(spans.iter().map(|span| span.until()).max(), Some(drawn.end()));
-            assert_eq!(drawn.parts(spans.len()), plan.len.into());
+            assert_eq!(drawn.parts(spans.len()), plan.all().len());
             // Steps that are whole are done one after another: after each step of the CPU, the
             // parts up to its end are done.
             for (place, span) in spans.iter().enumerate() {

@@ -50,7 +50,8 @@ measure() {
   done
 
   local program
-  program=$(cargo bench --locked --quiet -p "$(serve_package)" --bench serve --no-run --message-format json |
+  # With names, which callgrind needs. So the libraries are those of the release build; the profile for benchmarks compiles all again.
+  program=$(cargo rustc --release --locked --quiet -p "$(serve_package)" --bench serve --message-format json -- -C strip=none |
     sed -n 's/.*"executable":"\([^"]*serve[^"]*\)".*/\1/p')
   for part in steady pause; do
     # As a test the benchmark goes through one cycle.

@@ -452,7 +452,7 @@ def print_results(trials, also_run):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--isocat", default=TARGET / "release" / "isocat")
-    parser.add_argument("--dictionary", default=TARGET / "release" / "examples" / "dictionary",
+    parser.add_argument("--dictionary", default=TARGET / "debug" / "examples" / "dictionary",
                         help="the example of isocat-segment that prints a device's objects")
     parser.add_argument("--modules", action="store_true", help="only devices with slots")
     parser.add_argument("--run", action="store_true", help="run each for 60 ms, too")
@@ -469,7 +469,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
         dictionary = arguments.dictionary if Path(arguments.dictionary).exists() else None
         if dictionary is None:
-            print("objects of modules are not compared: cargo build --release -p isocat-segment --example dictionary")
+            print("objects of modules are not compared: cargo build --example dictionary")
         one = lambda numbered: try_one(numbered[1], arguments.isocat, folder, arguments.run, numbered[0], dictionary)
         trials = list(pool.map(one, enumerate(trials)))
     print(f"{len(paths)} files, {len({id(trial.device) for trial in trials})} devices, {len(trials)} device x OpMode")

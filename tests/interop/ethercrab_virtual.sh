@@ -5,6 +5,8 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 export CARGO_TARGET_DIR=$PWD/target/ethercrab-virtual
+# Lines for backtraces and optimization between the parts of a crate, which the reader has, take half of the time to compile.
+export CARGO_PROFILE_DEV_DEBUG=false CARGO_PROFILE_DEV_LTO=off
 tests=tests/interop/ethercrab-virtual example=docs/examples/ethercrab-in-cargo-test
 for folder in $tests $example; do
   (cd $folder && cargo fetch --quiet --locked) || { echo "ethercrab_virtual: skipped, missing: ethercrab and what it depends on"; exit 77; }

@@ -3,7 +3,8 @@
 # root or `ip` that part is left out, with a word. An example fails by its exit code or by printing nothing.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-cargo build --quiet --locked -p isocat -p isocat-host --bins --examples
+# Of all packages, as `cargo test` has compiled them: with `-p` their dependencies would be compiled again, with fewer features.
+cargo build --quiet --locked --bins --examples
 target=${CARGO_TARGET_DIR:-target}/debug
 
 run() { # NAME COMMAND...

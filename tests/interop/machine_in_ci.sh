@@ -3,7 +3,8 @@
 # Once as it is, and once with a cycle that can't hold what is expected.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-cargo build --quiet --locked -p isocat -p isocat-host --bins --examples
+# Of all packages, as `cargo test` has compiled them: with `-p` their dependencies would be compiled again, with fewer features.
+cargo build --quiet --locked --bins --examples
 target=${CARGO_TARGET_DIR:-target}/debug
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -3,7 +3,8 @@
 # JUnit. Once as it is, and once with an expectation that can't be held.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-cargo build --quiet --locked -p isocat -p isocat-host --bins --examples
+# Of all packages, as `cargo test` has compiled them: with `-p` their dependencies would be compiled again, with fewer features.
+cargo build --quiet --locked --bins --examples
 target=${CARGO_TARGET_DIR:-target}/debug
 python=$(cd tests/interop && python3 -c 'from main_devices import install; peers = install(["pysoem"]); print(peers["pysoem"][0] if peers else "")')
 [ -n "$python" ] || { echo "pysoem can't be had"; exit 77; }

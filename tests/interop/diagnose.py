@@ -26,7 +26,7 @@ FIELDS = ["frame.number", "eth.src", "ecat.cmd", "ecat.ado", "ecat.adp", "ecat.c
 def isocat():
     if "ISOCAT" in os.environ:
         return os.environ["ISOCAT"].split()
-    subprocess.run(["cargo", "build", "--release", "--locked", "--quiet"], cwd=ROOT, check=True)
+    subprocess.run(["cargo", "build", "--release", "--locked", "--quiet", "--bin", "isocat"], cwd=ROOT, check=True)
     return [str(TARGET / "release" / "isocat")]
 
 

@@ -9,7 +9,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
 "$folder/venv/bin/pip" install --quiet "jsonschema==4.25.1" "taplo==0.9.3"
-cargo build --release --quiet
+cargo build --release --quiet --bin isocat
 isocat="${CARGO_TARGET_DIR:-target}/release/isocat"
 "$isocat" run --for 100ms --json > "$folder/good.json"
 "$isocat" run --for 2s --json --no-drift-compensation > "$folder/drift.json" || [ $? -eq 1 ]

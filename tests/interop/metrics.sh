@@ -19,7 +19,7 @@ fi
 
 isocat=${ISOCAT:-}
 if [ -z "$isocat" ]; then
-  cargo build --release --locked --quiet
+  cargo build --release --locked --quiet --bin isocat
   isocat="${CARGO_TARGET_DIR:-target}/release/isocat"
 fi
 # Port 0: one that is free, which is told.

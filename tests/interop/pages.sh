@@ -10,7 +10,7 @@ pictures=${1:+$(mkdir -p "$1" && cd "$1" && pwd)}
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 npm install --silent --no-fund --no-audit --prefix "$folder" playwright-core@1.65.1 >/dev/null 2>&1 || { echo "missing: npm's registry"; exit 77; }
-cargo build --release --quiet
+cargo build --release --quiet --bin isocat
 isocat="$PWD/${CARGO_TARGET_DIR:-target}/release/isocat"
 [ -x "$isocat" ] || isocat="${CARGO_TARGET_DIR:-target}/release/isocat"
 cp tests/interop/pages.mjs "$folder/"

@@ -9,7 +9,7 @@ trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
 "$folder/venv/bin/pip" install --quiet "perfetto==0.59.1" "protobuf==7.36.2"
 if [ -z "${ISOCAT:-}" ]; then
-  cargo build --release --quiet
+  cargo build --release --quiet --bin isocat
   ISOCAT="${CARGO_TARGET_DIR:-target}/release/isocat"
 fi
 "$ISOCAT" run --for 100ms --trace "$folder/run.perfetto-trace" --waves "$folder/run.vcd" > "$folder/report.txt"

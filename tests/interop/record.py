@@ -45,7 +45,7 @@ class Failed(Exception):
 def isocat():
     if "ISOCAT" in os.environ:
         return os.environ["ISOCAT"].split()
-    subprocess.run(["cargo", "build", "--release", "--locked", "--quiet"], cwd=ROOT, check=True)
+    subprocess.run(["cargo", "build", "--release", "--locked", "--quiet", "--bin", "isocat"], cwd=ROOT, check=True)
     return [str(TARGET / "release" / "isocat")]
 
 

@@ -8,7 +8,7 @@ trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
 "$folder/venv/bin/pip" install --quiet "pyarrow==26.0.1"
 if [ -z "${ISOCAT:-}" ]; then
-  cargo build --release --quiet
+  cargo build --release --quiet --bin isocat
   ISOCAT="${CARGO_TARGET_DIR:-target}/release/isocat"
 fi
 # More rows than a row group has: 5 SubDevices, 20 s in cycles of 1 ms.

@@ -7,7 +7,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
 "$folder/venv/bin/pip" install --quiet "vcdvcd==2.6.0"
-cargo build --release --quiet
+cargo build --release --quiet --bin isocat
 "${CARGO_TARGET_DIR:-target}/release/isocat" run --for 100ms --waves "$folder/run.vcd" > "$folder/report.txt"
 "$folder/venv/bin/python" - "$folder/run.vcd" <<'PYTHON'
 import sys

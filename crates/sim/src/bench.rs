@@ -1,22 +1,24 @@
 //! The judges' bench: passes each event to the judges that it concerns.
 
 mod binding;
+mod brief;
 mod look;
 
 use isocat_subdevice::Step;
+use isocat_wire::datagram::Layouts;
 use isocat_wire::time::{Device, Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
 use crate::device;
-use crate::judge::inputs_cycle::Fetched;
+use crate::judge::inputs_cycle::{self, Fetched};
 use crate::judge::{
     ClockTime, Grid, HostPhase, InputsCycle, LostPulses, MissedEvents, OutputsCycle, OutputsDelay,
     OutputsValid, Points, Samples, Sync0Error, SyncMargin,
 };
-use crate::observation::{Observation, Observed};
+use crate::observation::{Content, Observation, Observed};
 use crate::sampling::{Sample, Sampling};
 use crate::segment::Segment;
-use crate::watcher::is_judged;
+use crate::watcher::{Watcher, is_judged};
 use binding::Binding;
 use look::Look;
 
@@ -72,41 +74,43 @@ pub struct Measured {
 }
 
 /// The judges of one SubDevice.
+// In this order, and from the beginning of a cache line on: what a regular cycle touches lies
+// together in the middle, so that few lines have to be fetched for each SubDevice.
 #[derive(Clone, Debug, Default)]
+#[repr(C, align(64))]
 pub struct DeviceBench {
-    /// SYNC0 edges; `None` if SYNC0 is not configured.
-    pub sync0: Option<Sync0Error>,
+    /// All changes of state, from power-on.
+    pub states: Vec<StateChange>,
+    /// Missed SM events.
+    pub missed: MissedEvents,
     /// Pulses of SYNC0 and SYNC1 that made no edge.
     pub lost_pulses: LostPulses,
-    /// The times from SM2 to SYNC0, and from ready outputs to the pulse at which they act.
-    pub margin: SyncMargin,
-    /// The time from the acting pulse to valid outputs.
-    pub outputs_delay: OutputsDelay,
-    /// Whether outputs act in their cycle.
-    pub outputs_cycle: OutputsCycle,
-    /// Whether inputs arrive in their cycle.
-    pub inputs_cycle: InputsCycle,
     /// Samples of inputs; nothing where the device does not oversample.
     pub input_samples: Samples,
     /// Samples of outputs.
     pub output_samples: Samples,
-    /// Missed SM events.
-    pub missed: MissedEvents,
-    /// All changes of state, from power-on.
-    pub states: Vec<StateChange>,
+    /// The points at which its outputs should act; `None` if they act at no pulse.
+    acting: Option<Points>,
+    /// Whether outputs act in their cycle.
+    pub outputs_cycle: OutputsCycle,
+    /// The times from SM2 to SYNC0, and from ready outputs to the pulse at which they act.
+    pub margin: SyncMargin,
+    /// The time from the acting pulse to valid outputs.
+    pub outputs_delay: OutputsDelay,
+    /// Whether inputs arrive in their cycle.
+    pub inputs_cycle: InputsCycle,
     /// Cycle of the next outputs; `None` too without SYNC0.
     cycle: Option<i64>,
     /// Whether SYNC0 is configured.
     is_timed: bool,
-    /// The points at which its outputs should act; `None` if they act at no pulse.
-    acting: Option<Points>,
-    /// Whether these are the points of SYNC0.
+    /// Whether the points at which outputs should act are those of SYNC0.
     acts_on_sync0_grid: bool,
-    /// The last time that was converted to true time: as a rule inputs are latched at the instant
-    /// of a pulse, or when outputs become valid.
-    converted: (Time<Device>, Time<True>),
+    /// Whether SYNC0 is configured and the pulse of all process data, as at most SubDevices.
+    is_plain: bool,
     /// The events to which its process data are bound.
     binding: Binding,
+    /// SYNC0 edges; `None` if SYNC0 is not configured.
+    pub sync0: Option<Sync0Error>,
 }
 
 /// A change of state as it happened at the SubDevice.
@@ -148,7 +152,7 @@ impl Bench {
             (device.input_samples, device.output_samples) = Default::default();
             let acting = of(&intent.acting);
             (device.acting, device.acts_on_sync0_grid) = (acting.map(Points::new), acting == sync0);
-            device.binding = Binding::default();
+            (device.binding, device.is_plain) = (Binding::default(), false);
         }
         let synchronized = intent.sync0.iter().flatten().count();
         self.outputs_valid = OutputsValid::new(synchronized);
@@ -222,40 +226,93 @@ impl Bench {
     /// Takes events at SubDevices, in their order; returns what was measured of the last one of
     /// each kind. As a rule several of one SubDevice follow each other.
     pub fn observe_all(&mut self, segment: &Segment, observations: &[Observation]) -> Measured {
-        let mut measured = Measured::default();
-        let Some(intent) = &self.intent else {
+        let Self { intent, devices, outputs_valid, led, .. } = self;
+        let Some(intent) = intent else {
             for observation in observations {
                 let subject = &segment.devices()[observation.device];
-                self.devices[observation.device].note_state(subject, observation);
+                devices[observation.device].note_state(subject, observation);
             }
-            return measured;
+            return Measured::default();
         };
         // The segment stays as it is during this call, so what is found in it is kept.
-        let mut look = Look::new(segment, leader(self.led, intent, segment));
-        let mut left = observations;
-        while let [first, ..] = left {
-            let index = first.device;
-            let (subject, device) = (&segment.devices()[index], &mut self.devices[index]);
-            if let Some(sampling) = subject.sampling() {
-                let all = left.iter().take_while(|it| it.device == index);
-                all.for_each(|it| device.follow_samples(subject, it, sampling));
-            }
-            if device.binding.update(subject, intent, index) {
-                device.converted = Default::default();
-            }
-            while let [observation, more @ ..] = left
-                && observation.device == index
-            {
-                left = more;
-                let valid = &mut self.outputs_valid;
-                device.judge(&mut look, subject, observation, valid, &mut measured);
+        let mut look = Look::new(segment, leader(*led, intent, segment));
+        judge_all(devices, outputs_valid, intent, &mut look, observations)
+    }
+
+    /// Takes all that a watcher has seen: regular events as they were noted briefly, and all others
+    /// between them.
+    pub(crate) fn observe_seen(&mut self, segment: &Segment, watcher: &Watcher) {
+        let (briefs, changed) = watcher.briefs();
+        if briefs.is_empty() {
+            self.observe_all(segment, watcher.seen());
+            return;
+        }
+        let Self { intent: Some(intent), devices, outputs_valid, led, .. } = self else { return };
+        if changed {
+            // Each event is judged by the last state of its SubDevice.
+            for index in briefs.iter().map(|brief| brief.device as usize) {
+                devices[index].bind(&segment.devices()[index], intent, index);
             }
         }
-        measured
+        let mut look = Look::new(segment, leader(*led, intent, segment));
+        let (mut taken, mut left) = (0, watcher.seen());
+        for brief in briefs {
+            if brief.before > taken {
+                let (before, rest) = left.split_at((brief.before - taken) as usize);
+                judge_all(devices, outputs_valid, intent, &mut look, before);
+                (taken, left) = (brief.before, rest);
+            }
+            let index = brief.device as usize;
+            let device = &mut devices[index];
+            if !device.binding.is_for(brief.version) {
+                device.bind(&segment.devices()[index], intent, index);
+            }
+            device.judge_brief(&mut look, brief, outputs_valid);
+        }
+        judge_all(devices, outputs_valid, intent, &mut look, left);
     }
 }
 
+/// Passes events to the judges of their SubDevices; returns what was measured of the last one of
+/// each kind.
+fn judge_all(
+    devices: &mut [DeviceBench],
+    outputs_valid: &mut OutputsValid,
+    intent: &Intent,
+    look: &mut Look<'_>,
+    observations: &[Observation],
+) -> Measured {
+    let mut measured = Measured::default();
+    let mut left = observations;
+    while let [first, ..] = left {
+        let index = first.device;
+        let (subject, device) = (&look.devices[index], &mut devices[index]);
+        if let Some(sampling) = subject.sampling() {
+            let all = left.iter().take_while(|it| it.device == index);
+            all.for_each(|it| device.follow_samples(subject, it, sampling));
+        }
+        device.bind(subject, intent, index);
+        while let [observation, more @ ..] = left
+            && observation.device == index
+        {
+            left = more;
+            device.judge(look, subject, observation, outputs_valid, &mut measured);
+        }
+    }
+    measured
+}
+
 impl DeviceBench {
+    /// Finds the events again to which its process data are bound, if the mode may have changed.
+    #[inline]
+    fn bind(&mut self, subject: &device::Device, intent: &Intent, index: usize) {
+        if !self.binding.is_for(subject.state_version()) {
+            self.binding = Binding::new(subject, intent, index);
+            let acts_on_sync0 = self.acting.is_some() && self.acts_on_sync0_grid;
+            self.is_plain = self.sync0.is_some() && acts_on_sync0 && self.binding.is_plain();
+        }
+    }
+
     /// Notes a change of state, at any time.
     fn note_state(&mut self, subject: &device::Device, observation: &Observation) {
         if let Observed::State(state, code) = observation.event {
@@ -275,6 +332,7 @@ impl DeviceBench {
         measured: &mut Measured,
     ) {
         let Observation { device: index, device_at, ref event, ref content } = *observation;
+        let true_time = || subject.oscillator().when(device_at);
         // A SubDevice without SYNC0 has no timing to judge, but its process data are followed.
         match *event {
             Observed::Sm2 => {
@@ -299,54 +357,30 @@ impl DeviceBench {
                 }
             }
             Observed::Began(Step::OutputsValid) => {
-                let is_new = content.frame != Time::ZERO;
-                // With subordinated cycles only the first time counts; later ones act again.
-                let cycle = self.cycle.take();
-                if is_new || cycle.is_some() {
-                    let at = self.true_time(subject, device_at);
-                    if is_new {
-                        self.outputs_cycle.acted(content.frame, at, &self.binding.outputs);
-                    }
-                    if let Some(cycle) = cycle {
-                        self.outputs_delay.valid(at);
-                        outputs_valid.valid(cycle, at);
-                    }
-                }
+                self.valid(content.frame, true_time, outputs_valid);
             }
             Observed::Began(Step::LatchInputs) => {
-                let (known_at, known) = self.converted;
-                self.inputs_cycle.latched(device_at, (known_at == device_at).then_some(known));
+                self.inputs_cycle.latched(device_at, true_time());
             }
             Observed::Sm3 => {
-                // Inputs of unknown origin are not judged, nor those without a way back.
-                if content.latched != Time::ZERO
-                    && let at = subject.oscillator().when(device_at)
-                    && let Some(arrive) = look.back(content.frame, index, at)
-                {
-                    let fetched =
-                        Fetched { frame: content.frame, latched: content.latched, arrive };
-                    let true_time = |at| subject.oscillator().when(at);
-                    self.inputs_cycle.fetched(&fetched, &self.binding.inputs, true_time);
-                }
+                let (at, bound) = ((index, device_at), &self.binding.inputs);
+                take_fetched(&mut self.inputs_cycle, bound, look, at, content);
                 if self.binding.latches_at_sm3 {
                     self.inputs_cycle.event(content.frame);
                 }
             }
             Observed::Sync0 | Observed::Sync1 => {
                 if self.is_timed {
-                    let at = self.true_time(subject, device_at);
-                    let is_sync1 = matches!(event, Observed::Sync1);
+                    let (at, is_sync1) = (true_time(), matches!(event, Observed::Sync1));
                     self.pulse(look.system_time(at), is_sync1, (device_at, at), measured);
                 }
             }
             Observed::SmEventMissed(counter) => {
-                let at = self.true_time(subject, device_at);
-                self.missed.missed(at, counter);
+                self.missed.missed(true_time(), counter);
             }
             Observed::StillActive(signal) => {
                 if self.is_timed {
-                    let at = self.true_time(subject, device_at);
-                    self.lost_pulses.lost(at, signal);
+                    self.lost_pulses.lost(true_time(), signal);
                 }
             }
             Observed::State(..) => self.note_state(subject, observation),
@@ -357,12 +391,28 @@ impl DeviceBench {
         }
     }
 
-    /// The true time of an event.
-    #[inline]
-    fn true_time(&mut self, subject: &device::Device, device_at: Time<Device>) -> Time<True> {
-        let at = subject.oscillator().when(device_at);
-        self.converted = (device_at, at);
-        at
+    /// Takes outputs that became valid; those of `frame`, if they are new.
+    #[inline(always)]
+    fn valid(
+        &mut self,
+        frame: Time<True>,
+        at: impl FnOnce() -> Time<True>,
+        outputs_valid: &mut OutputsValid,
+    ) {
+        let is_new = frame != Time::ZERO;
+        // With subordinated cycles only the first time counts; later ones act again.
+        let cycle = self.cycle.take();
+        if !is_new && cycle.is_none() {
+            return;
+        }
+        let at = at();
+        if is_new {
+            self.outputs_cycle.acted(frame, at, &self.binding.outputs);
+        }
+        if let Some(cycle) = cycle {
+            self.outputs_delay.valid(at);
+            outputs_valid.valid(cycle, at);
+        }
     }
 
     /// Takes a pulse of SYNC0 or SYNC1 for the judges; `reference` is the system time of the
@@ -442,6 +492,25 @@ impl DeviceBench {
     }
 }
 
+/// Takes inputs that a frame fetched, which ended at a SubDevice at this time of its own oscillator.
+/// Those of unknown origin are not judged, nor those without a way back.
+#[inline(always)]
+fn take_fetched(
+    judge: &mut InputsCycle,
+    bound: &inputs_cycle::Bound,
+    look: &mut Look<'_>,
+    (device, at): (usize, Time<Device>),
+    content: &Content,
+) {
+    if content.latched != Time::ZERO
+        && let Some(arrive) = look.back(content.frame, device, at)
+    {
+        let fetched = Fetched { frame: content.frame, latched: content.latched, arrive };
+        let true_time = |at| look.devices[device].oscillator().when(at);
+        judge.fetched(&fetched, bound, true_time);
+    }
+}
+
 /// The SubDevice of the reference clock, if there is one with power.
 fn leader<'a>(led: bool, intent: &Intent, segment: &'a Segment) -> Option<&'a device::Device> {
     let leader = &segment.devices()[intent.reference];
@@ -452,8 +521,10 @@ fn leader<'a>(led: bool, intent: &Intent, segment: &'a Segment) -> Option<&'a de
 /// datagrams. Frames that control a joining clock have only one.
 pub fn is_cyclic(bytes: &[u8]) -> bool {
     let Ok(payload) = frame::payload(bytes) else { return false };
-    let mut datagrams = isocat_wire::datagram::datagrams(payload);
-    let (Some(Ok(first)), Some(Ok(_))) = (datagrams.next(), datagrams.next()) else { return false };
+    let mut layouts = Layouts::new();
+    let Some(Ok(first)) = layouts.next(payload) else { return false };
     let distributes = matches!(first.header.command(), Ok(Command::Frmw | Command::Armw));
-    distributes && first.header.ado() == register::SYSTEM_TIME.address
+    distributes
+        && first.header.ado() == register::SYSTEM_TIME.address
+        && matches!(layouts.next(payload), Some(Ok(_)))
 }

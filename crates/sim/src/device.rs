@@ -1,6 +1,7 @@
 //! A SubDevice: ESC, stack, application and CPU on one oscillator.
 
 mod application;
+mod brief;
 mod present;
 mod regular;
 
@@ -191,14 +192,15 @@ impl Device {
         self.state_version
     }
 
-    fn next_state_version(&mut self) {
+    fn next_state_version(&mut self, watch: &mut Watcher) {
+        watch.note_change();
         self.state_version = self.state_version.wrapping_add(1).max(1);
     }
 
     /// Switches it off. Everything but its EEPROM is lost; its oscillator continues invisibly.
     pub(crate) fn power_off(&mut self, at: Time<DeviceClock>, watch: &mut Watcher) {
         self.powered = false;
-        self.next_state_version();
+        self.next_state_version(watch);
         self.tell_time(at);
         self.esc.power_on(at, Time::ZERO);
         self.stack.power_off();
@@ -667,7 +669,7 @@ impl Device {
         let state = (self.stack.state(), self.stack.status_code());
         if state != self.state {
             self.state = state;
-            self.next_state_version();
+            self.next_state_version(watch);
             if state.0 != isocat_wire::AlState::Op {
                 // What it had is forgotten: nothing of it acts when OP is entered again.
                 (self.fetched, self.mapped) = (Time::ZERO, Time::ZERO);

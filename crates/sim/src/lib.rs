@@ -24,6 +24,7 @@
 
 mod audience;
 pub mod bench;
+mod brief;
 pub mod buffer;
 pub mod burst;
 pub mod cable;

@@ -93,8 +93,8 @@ impl ClockModel {
 pub struct Oscillator {
     /// The rate of the first piece, 2⁻⁶⁴ ns per ps.
     rate: u64,
-    /// The factor for dividing by the rate: see [`reciprocal`].
-    reciprocal: u64,
+    /// The factor from readings to true time, if the rate never changes.
+    factor: Factor,
     /// Further pieces and the walk; most clocks have none.
     shape: Option<Box<Shape>>,
 }
@@ -123,7 +123,7 @@ impl Oscillator {
     pub fn new(deviation_ppb: i64) -> Self {
         assert!(deviation_ppb.abs() <= MOST_DEVIATION_PPB, "an oscillator deviates by at most 1 %");
         let rate = rate_of(deviation_ppb);
-        Self { rate, reciprocal: reciprocal(rate), shape: None }
+        Self { rate, factor: Factor(reciprocal(rate)), shape: None }
     }
 
     /// The oscillator of a model; `chance` draws the walk. Panics on a model that deviates by more
@@ -150,7 +150,7 @@ impl Oscillator {
             pieces.push(Piece { start, count, rate });
         }
         let (rate, shape) = (pieces[0].rate, Some(Box::new(Shape { pieces, walk })));
-        Self { rate, reciprocal: reciprocal(rate), shape }
+        Self { rate, factor: Factor::NONE, shape }
     }
 
     /// Its rate, 2⁻⁶⁴ ns per ps, if that never changes.
@@ -179,38 +179,47 @@ impl Oscillator {
         ((count >> 64) as u64).wrapping_mul(1_000).wrapping_add(part as u64)
     }
 
-    /// The first point of true time, ps, at which a clock without further pieces counts `reading`,
-    /// which is below [`SHORT`]. A multiplication replaces a division of 128 bits.
-    #[inline]
-    fn first_at(&self, reading: u64) -> u64 {
-        // The exact quotient is not below this one, and higher by less than the reading.
-        let product = u128::from(reading) * u128::from(self.reciprocal);
-        let (at, part) = ((product >> RECIPROCAL_SHIFT) as u64, product as u64 & (SHORT - 1));
-        if part > 0 && part + reading <= SHORT {
-            return at + 1;
-        }
-        self.first_from(at, reading)
-    }
-
-    /// The same from a point on that is not behind it.
-    #[cold]
-    fn first_from(&self, mut at: u64, reading: u64) -> u64 {
-        while (u128::from(at) * u128::from(self.rate)) >> 64 < reading.into() {
-            at += 1;
-        }
-        at
-    }
-
     /// The first point of true time at which it counts `reading`; never, if that is beyond the
     /// range of time.
+    #[inline]
     pub fn when<S: Scale>(&self, reading: Time<S>) -> Time<True> {
-        let count = u128::from(reading.count()) << 64;
+        self.factor.when(reading).unwrap_or_else(|| self.find(reading.count()))
+    }
+
+    /// The factor from its readings to true time.
+    #[inline]
+    pub(crate) fn factor(&self) -> Factor {
+        self.factor
+    }
+
+    /// The same as [`when`](Self::when), by a division or a search.
+    #[cold]
+    fn find(&self, reading: u64) -> Time<True> {
+        let count = u128::from(reading) << 64;
         let at = match &self.shape {
-            None if reading.count() < SHORT => return Time::new(self.first_at(reading.count())),
             None => Some(count.div_ceil(u128::from(self.rate))),
             Some(shape) => shape.when(count),
         };
         at.and_then(|at| u64::try_from(at).ok()).map_or(Time::NEVER, Time::new)
+    }
+}
+
+/// The [`reciprocal`] of a rate that never changes; zero of one that does.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Factor(u64);
+
+impl Factor {
+    /// None.
+    pub const NONE: Self = Self(0);
+
+    /// [`Oscillator::when`], if a multiplication decides it.
+    #[inline]
+    pub fn when<S: Scale>(self, reading: Time<S>) -> Option<Time<True>> {
+        // The exact quotient is not below this one, and higher by less than the reading.
+        let product = u128::from(reading.count()) * u128::from(self.0);
+        let (at, part) = ((product >> RECIPROCAL_SHIFT) as u64, product as u64 & (SHORT - 1));
+        let is_exact = part > 0 && reading.count() <= SHORT - part;
+        is_exact.then(|| Time::new(at + 1))
     }
 }
 
@@ -301,6 +310,7 @@ impl Oscillator {
 
     fn shape_mut(&mut self) -> &mut Shape {
         let piece = Piece { start: 0, count: 0, rate: self.rate };
+        self.factor = Factor::NONE;
         self.shape.get_or_insert_with(|| Box::new(Shape { pieces: vec![piece], walk: None }))
     }
 }

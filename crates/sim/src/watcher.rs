@@ -2,7 +2,9 @@
 
 use isocat_subdevice::{Event, Step};
 
+use crate::brief::{Brief, Parts};
 use crate::observation::{Observation, Observed};
+use crate::oscillator::Factor;
 
 /// The events that were seen, as far as they are needed: most steps of most SubDevices are not.
 #[derive(Debug)]
@@ -10,40 +12,108 @@ pub struct Watcher {
     seen: Vec<Observation>,
     /// The kinds of events that are kept: see [`kind`].
     keeps: u16,
+    /// Regular events and their steps, if they are noted briefly: the first ones of these.
+    briefs: Vec<Brief>,
+    noted: usize,
+    /// The number of briefs for which there is room; 0: events are not noted briefly. What finds no
+    /// room is seen as any other event, so that nothing has to grow while a SubDevice advances.
+    room: usize,
+    /// Whether the state of a SubDevice has changed since they were taken last.
+    changed: bool,
 }
 
 impl Watcher {
     /// Keeps nothing.
     pub const fn blind() -> Self {
-        Self { seen: Vec::new(), keeps: 0 }
+        Self::keeping(0)
+    }
+
+    const fn keeping(keeps: u16) -> Self {
+        Self { seen: Vec::new(), keeps, briefs: Vec::new(), noted: 0, room: 0, changed: false }
     }
 
     /// Keeps all events.
     pub const fn of_everything() -> Self {
-        Self { seen: Vec::new(), keeps: EVERYTHING }
+        Self::keeping(EVERYTHING)
     }
 
-    /// Keeps the events that the judges of a run need.
+    /// Keeps the events that the judges of a run need before they begin: changes of state.
     pub(crate) fn for_judges() -> Self {
-        Self { seen: Vec::with_capacity(256), keeps: JUDGED }
+        Self { seen: Vec::with_capacity(256), ..Self::keeping(STATES) }
     }
 
     /// Keeps the events that the judges of a served segment need: it does not follow the age of
     /// inputs.
     pub(crate) fn for_served() -> Self {
         let keeps = JUDGED & !kind(Observed::Began(Step::LatchInputs));
-        Self { seen: Vec::with_capacity(1024), keeps }
+        Self { seen: Vec::with_capacity(1024), ..Self::keeping(keeps) }
     }
 
     /// From now on keeps all events.
     pub(crate) fn keep_everything(&mut self) {
-        self.keeps = EVERYTHING;
+        (self.keeps, self.room) = (EVERYTHING, 0);
     }
 
-    /// From now on keeps only the events that the judges of a run need; `timed`: of a segment in
-    /// which a SubDevice has SYNC0.
-    pub(crate) fn keep_for_judges(&mut self, timed: bool) {
+    /// From now on keeps only the events that the judges of a run need, and notes regular ones
+    /// briefly; `timed`: of a segment in which one of its `devices` SubDevices has SYNC0.
+    pub(crate) fn keep_for_judges(&mut self, timed: bool, devices: usize) {
         self.keeps = if timed { JUDGED } else { JUDGED & !TIMED };
+        // As a rule each SubDevice has one in a cycle.
+        self.make_room(devices + SPARE_ROOM);
+    }
+
+    fn make_room(&mut self, room: usize) {
+        self.briefs.resize(room, Brief::NONE);
+        self.room = room;
+    }
+
+    /// Whether regular events are noted [briefly](Self::new_brief), and there is room for one more.
+    #[inline(always)]
+    pub(crate) const fn is_brief(&self) -> bool {
+        self.noted < self.room
+    }
+
+    /// The last brief, if it is of this SubDevice and these parts can be added to it: it has only
+    /// parts that come before them, and nothing else was seen since.
+    #[inline(always)]
+    pub(crate) fn last_brief(&mut self, device: u32, parts: Parts) -> Option<&mut Brief> {
+        let last = self.briefs.get_mut(self.noted.wrapping_sub(1))?;
+        let is_next = last.device == device
+            && last.before as usize == self.seen.len()
+            && last.has.come_before(parts);
+        if !is_next {
+            return None;
+        }
+        last.has = last.has.with(parts);
+        Some(last)
+    }
+
+    /// A new brief of a SubDevice, with the version of its state, and with these parts; `factor` is
+    /// that of its oscillator. Call this only if the watcher [is brief](Self::is_brief).
+    #[inline(always)]
+    pub(crate) fn new_brief(
+        &mut self,
+        device: u32,
+        version: u32,
+        factor: Factor,
+        parts: Parts,
+    ) -> &mut Brief {
+        let brief = &mut self.briefs[self.noted];
+        self.noted += 1;
+        brief.before = self.seen.len() as u32;
+        (brief.device, brief.version, brief.factor, brief.has) = (device, version, factor, parts);
+        brief
+    }
+
+    /// Notes that the state of a SubDevice changes.
+    pub(crate) fn note_change(&mut self) {
+        self.changed = true;
+    }
+
+    /// The regular events that were noted, and whether the state of a SubDevice has changed
+    /// meanwhile.
+    pub(crate) fn briefs(&self) -> (&[Brief], bool) {
+        (&self.briefs[..self.noted], self.changed)
     }
 
     /// Keeps an event if it is needed.
@@ -89,9 +159,13 @@ impl Watcher {
         &self.seen
     }
 
-    /// Forgets them.
+    /// Forgets them, and what was noted.
     pub(crate) fn clear(&mut self) {
         self.seen.clear();
+        if self.noted > 0 && self.noted == self.room {
+            self.make_room(2 * self.room);
+        }
+        (self.noted, self.changed) = (0, false);
     }
 
     /// Takes the events that were kept since the last call, in order.
@@ -113,14 +187,19 @@ const fn kind(event: Observed) -> u16 {
         Observed::Began(step) => 1 << step as u16,
         Observed::Finished(step) => 1 << (step as u16 + STEPS),
         Observed::Acknowledged(_) => 1 << (2 * STEPS),
+        Observed::State(..) => STATES,
         _ => OTHERS,
     }
 }
 
 const STEPS: u16 = Step::ALL.len() as u16;
 const OTHERS: u16 = 1 << (2 * STEPS + 1);
+const STATES: u16 = 1 << (2 * STEPS + 2);
 const EVERYTHING: u16 = u16::MAX;
+/// Room for further briefs besides one of each SubDevice.
+const SPARE_ROOM: usize = 64;
 const JUDGED: u16 = OTHERS
+    | STATES
     | kind(Observed::Began(Step::MapOutputs))
     | kind(Observed::Finished(Step::MapOutputs))
     | kind(Observed::Began(Step::OutputsValid))
@@ -131,7 +210,7 @@ const TIMED: u16 =
 
 #[cfg(test)]
 mod tests {
-    use isocat_wire::Time;
+    use isocat_wire::{AlState, AlStatusCode, Time};
 
     use super::*;
 
@@ -144,6 +223,7 @@ mod tests {
                 Observed::Acknowledged(Event::Sync0),
                 Observed::Sm2,
                 Observed::SmEventMissed(1),
+                Observed::State(AlState::Op, AlStatusCode::NO_ERROR),
             ])
             .collect();
         let kept = |mut watcher: Watcher| {
@@ -157,13 +237,48 @@ mod tests {
         assert_eq!(kept(Watcher::of_everything()), events);
         use Observed::*;
         let map = [Began(Step::MapOutputs), Began(Step::OutputsValid)];
-        let others = [Finished(Step::MapOutputs), Sm2, SmEventMissed(1)];
+        let state = State(AlState::Op, AlStatusCode::NO_ERROR);
+        let others = [Finished(Step::MapOutputs), Sm2, SmEventMissed(1), state];
         assert_eq!(kept(Watcher::for_served()), [&map[..], &others].concat());
         let map = [&map[..], &[Began(Step::LatchInputs)]].concat();
-        assert_eq!(kept(Watcher::for_judges()), [&map[..], &others].concat());
+        assert_eq!(kept(Watcher::for_judges()), [state]);
+        let mut timed = Watcher::for_judges();
+        timed.keep_for_judges(true, 1);
+        assert_eq!(kept(timed), [&map[..], &others].concat());
         let mut untimed = Watcher::for_judges();
-        untimed.keep_for_judges(false);
+        untimed.keep_for_judges(false, 1);
         let steps = [Began(Step::OutputsValid), Began(Step::LatchInputs)];
-        assert_eq!(kept(untimed), [&steps[..], &[Sm2, SmEventMissed(1)]].concat());
+        assert_eq!(kept(untimed), [&steps[..], &others[1..]].concat());
+    }
+
+    /// Parts go into the last brief only if they come behind all that is in it, and if nothing else
+    /// came between; beyond the room nothing is noted.
+    #[test]
+    fn briefs_are_of_one_subdevice_and_in_order() {
+        let mut watcher = Watcher::for_judges();
+        assert!(!watcher.is_brief(), "the judging has not begun");
+        watcher.keep_for_judges(true, 1);
+        let note = |watcher: &mut Watcher, device, parts| {
+            let is_last = watcher.last_brief(device, parts).is_some();
+            if !is_last {
+                watcher.new_brief(device, 1, Factor::NONE, parts);
+            }
+            is_last
+        };
+        assert!(!note(&mut watcher, 3, Parts::STORED));
+        assert!(note(&mut watcher, 3, Parts::MAPPED) && note(&mut watcher, 3, Parts::SYNC0));
+        assert!(!note(&mut watcher, 3, Parts::MAPPED), "it comes before the pulse");
+        assert!(!note(&mut watcher, 4, Parts::VALID), "another SubDevice");
+        let (device_at, content) = (Time::ZERO, Default::default());
+        watcher.see(Observation { device: 4, device_at, event: Observed::Sm2, content });
+        assert!(!note(&mut watcher, 4, Parts::LATCHED), "something else came between");
+        let noted: Vec<_> = watcher.briefs().0.iter().map(|it| (it.device, it.before)).collect();
+        assert_eq!(noted, [(3, 0), (3, 0), (4, 0), (4, 1)]);
+        let more = (0..).take_while(|_| watcher.is_brief() && !note(&mut watcher, 5, Parts::NONE));
+        assert_eq!(more.count(), 1 + SPARE_ROOM - 4);
+        watcher.clear();
+        assert!(watcher.is_brief() && watcher.briefs().0.is_empty());
+        watcher.keep_everything();
+        assert!(!watcher.is_brief());
     }
 }

@@ -414,7 +414,8 @@ impl<A: Application, T: Tap> World<A, T> {
             tap.judging_begins(self.now, &intent);
         }
         if !self.observes && !self.follows_course {
-            self.watcher.keep_for_judges(intent.is_timed());
+            let devices = self.segment.devices().len();
+            self.watcher.keep_for_judges(intent.is_timed(), devices);
         }
         self.bench.begin(intent);
     }
@@ -425,8 +426,8 @@ impl<A: Application, T: Tap> World<A, T> {
             course.end(self.now);
             self.follows_course = false;
             if !self.observes {
-                let intent = self.bench.intent();
-                self.watcher.keep_for_judges(intent.is_none_or(Intent::is_timed));
+                let timed = self.bench.intent().is_none_or(Intent::is_timed);
+                self.watcher.keep_for_judges(timed, self.segment.devices().len());
             }
         }
         if let Some(tap) = &mut self.tap {
@@ -669,7 +670,7 @@ impl<A: Application, T: Tap> World<A, T> {
         let tap = &mut self.tap.as_mut().filter(|_| self.observes);
         let course = &mut self.course.as_mut().filter(|_| self.follows_course);
         if tap.is_none() && course.is_none() {
-            self.bench.observe_all(&self.segment, self.watcher.seen());
+            self.bench.observe_seen(&self.segment, &self.watcher);
             self.watcher.clear();
             return;
         }

@@ -10,12 +10,11 @@ use crate::judge::{Grid, Opportunity, inputs_cycle, outputs_cycle};
 /// The events to which the process data of a SubDevice are bound. They stay the same from cycle to
 /// cycle, so they are found only once for each mode.
 #[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
 pub(super) struct Binding {
     /// The state of the SubDevice for which they were found, see [`Device::state_version`]; 0:
     /// they were not.
     version: u32,
-    pub outputs: outputs_cycle::Bound,
-    pub inputs: inputs_cycle::Bound,
     /// Whether the frames that store outputs matter: with an opportunity at a pulse, only the frame
     /// of the outputs that act does.
     pub follows_stored: bool,
@@ -24,6 +23,8 @@ pub(super) struct Binding {
     pub latches_at_sm3: bool,
     /// What SYNC0 and SYNC1 are for.
     pub pulses: [Roles; 2],
+    pub outputs: outputs_cycle::Bound,
+    pub inputs: inputs_cycle::Bound,
 }
 
 /// What a pulse is for.
@@ -38,18 +39,22 @@ pub(super) struct Roles {
 }
 
 impl Binding {
-    /// Finds the events again if the mode may have changed, and returns true then.
+    /// Whether they were found for this state of the SubDevice.
     #[inline]
-    pub fn update(&mut self, subject: &Device, intent: &Intent, index: usize) -> bool {
-        let is_old = self.version != subject.state_version();
-        if is_old {
-            *self = Self::new(subject, intent, index);
-        }
-        is_old
+    pub const fn is_for(&self, version: u32) -> bool {
+        self.version == version
     }
 
+    /// Whether SYNC0 is the only event.
+    pub fn is_plain(&self) -> bool {
+        let Roles { takes_outputs, latches, acts } = self.pulses[0];
+        let at_frames = self.follows_stored || self.latches_at_sm2 || self.latches_at_sm3;
+        takes_outputs && latches && acts && !at_frames
+    }
+
+    /// Finds them.
     #[cold]
-    fn new(subject: &Device, intent: &Intent, index: usize) -> Self {
+    pub fn new(subject: &Device, intent: &Intent, index: usize) -> Self {
         let chain = subject.stack.sync().chain();
         let is_sm_synchronous = chain.mode == SyncMode::SmSynchronous;
         let [takes, latches, acts] =

@@ -1,7 +1,8 @@
 //! What the judges look at besides the SubDevice of an event: the segment at that moment.
 
-use isocat_wire::time::{Picos, Time, True};
+use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
 
+use crate::brief::Brief;
 use crate::device::{Device, Tick};
 use crate::judge::ClockTime;
 use crate::path::{Arrival, Path};
@@ -11,6 +12,8 @@ use crate::wiring::MainPort;
 
 /// The segment, as long as nothing happens in it.
 pub(super) struct Look<'a> {
+    /// The SubDevices.
+    pub devices: &'a [Device],
     /// The ways of frames from both ports.
     paths: [&'a Path; 2],
     /// The SubDevice of the reference clock, if it has power: without power it shows a meaningless
@@ -28,7 +31,17 @@ impl<'a> Look<'a> {
     pub fn new(segment: &'a Segment, leader: Option<&'a Device>) -> Self {
         let paths = [MainPort::Primary, MainPort::Secondary].map(|port| segment.path_from(port));
         let found = (Time::NEVER, Time::NEVER);
-        Self { paths, leader, ticks: [Tick::NONE; TICKS], returns: &segment.returns, found }
+        let (devices, returns) = (segment.devices(), &segment.returns);
+        Self { devices, paths, leader, ticks: [Tick::NONE; TICKS], returns, found }
+    }
+
+    /// True time of an event at a SubDevice, which was noted briefly.
+    #[inline(always)]
+    pub fn true_time(&self, brief: &Brief, at: Time<DeviceClock>) -> Time<True> {
+        match brief.factor.when(at) {
+            Some(at) => at,
+            None => self.devices[brief.device as usize].oscillator().when(at),
+        }
     }
 
     /// The system time of the reference clock; `None` without one.
@@ -43,14 +56,30 @@ impl<'a> Look<'a> {
         Some(kept.system_time(at))
     }
 
-    /// When a frame came back that left at `frame` and passed a SubDevice at `at`; if it was lost,
-    /// when it would have come back. `None`: there is no way back.
+    /// When a frame came back that left at `frame` and passed a SubDevice at `device_at` of its own
+    /// oscillator; if it was lost, when it would have come back. `None`: there is no way back.
     #[inline]
-    pub fn back(&mut self, frame: Time<True>, device: usize, at: Time<True>) -> Option<Time<True>> {
+    pub fn back(
+        &mut self,
+        frame: Time<True>,
+        device: usize,
+        device_at: Time<DeviceClock>,
+    ) -> Option<Time<True>> {
         let (known, back) = self.found;
         if known == frame && !self.returns.have_copies() {
             return Some(back);
         }
+        self.find(frame, device, device_at)
+    }
+
+    #[inline(never)]
+    fn find(
+        &mut self,
+        frame: Time<True>,
+        device: usize,
+        device_at: Time<DeviceClock>,
+    ) -> Option<Time<True>> {
+        let at = self.devices[device].oscillator().when(device_at);
         match self.returns.find(frame, at) {
             Some(back) => {
                 self.found = (frame, back);

@@ -3,6 +3,8 @@
 use isocat_subdevice::{MAX_STEPS, Step};
 use isocat_wire::time::Nanos;
 
+use crate::brief::{NotedSteps, Parts};
+
 /// The times of the steps of an event, in the order in which the steps end.
 #[derive(Clone, Copy, Debug)]
 pub struct Sequence {
@@ -13,6 +15,8 @@ pub struct Sequence {
     in_order: bool,
     /// See [`Sequence::is_whole`].
     whole: bool,
+    /// See [`Sequence::noted`].
+    noted: NotedSteps,
 }
 
 /// A step with the times from the event to its beginning and its end, ns.
@@ -49,7 +53,13 @@ impl Sequence {
     /// Nothing.
     pub const NONE: Self = {
         let none = Span { step: None, number: 0, after: 0, until: 0 };
-        Self { spans: [none; MAX_STEPS + 1], end: 0, in_order: true, whole: true }
+        Self {
+            spans: [none; MAX_STEPS + 1],
+            end: 0,
+            in_order: true,
+            whole: true,
+            noted: NotedSteps::NONE,
+        }
     };
 
     /// Becomes the steps that `times` puts; it returns whether each of them ends before the next one
@@ -90,6 +100,33 @@ impl Sequence {
     #[inline]
     pub fn is_whole(&self) -> bool {
         self.whole
+    }
+
+    /// Notes which steps judges need.
+    pub(crate) fn note_all(&mut self) {
+        self.noted = self.first_noted(MAX_STEPS);
+    }
+
+    /// The steps that judges need, if they were [noted](Self::note_all).
+    #[inline]
+    pub(crate) fn noted(&self) -> NotedSteps {
+        self.noted
+    }
+
+    /// The steps that judges need, among the first `count` steps.
+    pub(crate) fn first_noted(&self, count: usize) -> NotedSteps {
+        let mut noted = NotedSteps::NONE;
+        for (place, span) in (0..).zip(&self.spans[..count]) {
+            let (part, at) = match span.step {
+                None => break,
+                Some(Step::MapOutputs) => (Parts::MAPPED, &mut noted.mapped),
+                Some(Step::OutputsValid) => (Parts::VALID, &mut noted.valid),
+                Some(Step::LatchInputs) => (Parts::LATCHED, &mut noted.latched),
+                Some(Step::Application | Step::MapInputs) => continue,
+            };
+            (*at, noted.parts) = (place, noted.parts.with(part));
+        }
+        noted
     }
 
     /// Number of parts of a [`Plan`] that the first `count` steps are. A step during which another

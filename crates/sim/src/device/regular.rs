@@ -151,12 +151,12 @@ impl Device {
         }
         let started = match pulse {
             Some(EscEvent::Sync0) => {
-                self.report(at, Observed::Sync0, Content::default(), watch);
+                self.report_pulse(at, Event::Sync0, watch);
                 let pdi = &mut self.esc.pdi_in_lane(at);
                 self.stack.handle_regular_event(at, Event::Sync0, pdi, &mut self.prepared)
             }
             Some(EscEvent::Sync1) => {
-                self.report(at, Observed::Sync1, Content::default(), watch);
+                self.report_pulse(at, Event::Sync1, watch);
                 // Few devices have it, so it is not part of this function.
                 let pdi = &mut self.esc.pdi_in_lane(at);
                 self.stack.handle_event_in_place(at, Event::Sync1, pdi, &mut self.prepared)
@@ -199,19 +199,13 @@ impl Device {
             return Err(Irregular);
         }
         *worked = Some(at);
-        let content = Content { frame: self.frame, ..Content::default() };
+        self.report_frame_end(at, (events & outputs != 0, events & inputs != 0), watch);
         let mut started = None;
         if events & outputs != 0 {
-            self.report(at, Observed::Sm2, content, watch);
             let pdi = &mut self.esc.pdi_in_lane(at);
             started = self.stack.handle_regular_event(at, Event::Sm2, pdi, &mut self.prepared);
         }
         if events & inputs != 0 {
-            if watch.keeps(Observed::Sm3) {
-                let sync_manager = self.stack.description().inputs.sync_manager;
-                let latched = Time::new(self.esc.label(sync_manager));
-                self.report(at, Observed::Sm3, Content { latched, ..content }, watch);
-            }
             let pdi = &mut self.esc.pdi_in_lane(at);
             let other = self.stack.handle_regular_event(at, Event::Sm3, pdi, &mut self.prepared);
             // SM3 starts steps only of a device without outputs, where SM2 starts none.
@@ -236,6 +230,9 @@ impl Device {
         let sequence = match self.prepared.made(place) {
             Some(Kept::Same(sequence)) => sequence,
             Some(Kept::Drawn) if self.cpu.draw(self.prepared.steps(place), &mut self.drawn) => {
+                if watch.keeps_steps() {
+                    self.drawn.note_all();
+                }
                 &self.drawn
             }
             _ => return self.start(at, place),
@@ -254,7 +251,7 @@ impl Device {
                 if let Some(last) = done.checked_sub(1) {
                     *worked = Some(at + sequence.spans()[last].until());
                 }
-                self.report_steps(at, &sequence.spans()[..done], acted, watch);
+                self.report_first(at, sequence, done, acted, watch);
                 let begun = put_off(&mut self.cpu, &mut self.present, at, sequence);
                 self.present.skip_to(sequence.parts(done));
                 return begun;
@@ -290,9 +287,68 @@ impl Device {
         }
         *worked = Some(end);
         if watch.keeps_steps() {
-            self.report_steps(at, sequence.spans(), acted, watch);
+            if watch.is_brief() {
+                self.note_steps(at, sequence, sequence.noted(), acted, watch);
+            } else {
+                self.report_steps(at, sequence.spans(), acted, watch);
+            }
         }
         true
+    }
+
+    /// Reports the end of a frame that stored outputs, or fetched inputs.
+    #[inline(always)]
+    fn report_frame_end(
+        &self,
+        at: Time<DeviceClock>,
+        (stored, fetched): (bool, bool),
+        watch: &mut Watcher,
+    ) {
+        if !watch.keeps(Observed::Sm2) {
+            return;
+        }
+        if watch.is_brief() {
+            return self.note_frame_end(at, stored, fetched, watch);
+        }
+        let content = Content { frame: self.frame, ..Content::default() };
+        if stored {
+            self.report(at, Observed::Sm2, content, watch);
+        }
+        if fetched {
+            let sync_manager = self.stack.description().inputs.sync_manager;
+            let latched = Time::new(self.esc.label(sync_manager));
+            self.report(at, Observed::Sm3, Content { latched, ..content }, watch);
+        }
+    }
+
+    /// Reports a pulse.
+    #[inline(always)]
+    fn report_pulse(&self, at: Time<DeviceClock>, pulse: Event, watch: &mut Watcher) {
+        if !watch.keeps(Observed::Sync0) {
+            return;
+        }
+        if watch.is_brief() {
+            return self.note_pulse(at, pulse == Event::Sync1, watch);
+        }
+        let observed = if pulse == Event::Sync0 { Observed::Sync0 } else { Observed::Sync1 };
+        self.report(at, observed, Content::default(), watch);
+    }
+
+    /// Reports the first `done` steps of an event, as [`follow`](Self::follow) reports all of them.
+    #[cold]
+    fn report_first(
+        &self,
+        at: Time<DeviceClock>,
+        sequence: &Sequence,
+        done: usize,
+        acted: Time<True>,
+        watch: &mut Watcher,
+    ) {
+        if watch.is_brief() {
+            self.note_steps(at, sequence, sequence.first_noted(done), acted, watch);
+        } else {
+            self.report_steps(at, &sequence.spans()[..done], acted, watch);
+        }
     }
 
     /// Reports these steps of an event. `acted`: the frame of the outputs that have acted.
@@ -342,6 +398,7 @@ impl Device {
                 (true, true) => {
                     let mut sequence = Sequence::NONE;
                     let is_short = cpu.draw(steps, &mut sequence);
+                    sequence.note_all();
                     if is_short { Kept::Same(sequence) } else { Kept::Planned }
                 }
             };

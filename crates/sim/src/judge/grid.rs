@@ -69,21 +69,27 @@ impl ClockTime {
 
 /// A grid whose points are met one after another.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub(crate) struct Points {
-    grid: Grid,
+    /// The point that is expected next, ns of system time, and its number.
+    next: u64,
+    number: i64,
+    /// A time nearer to it than this, ps, is nearest to it: half of the cycle. Zero if the next
+    /// point is not known.
+    near: u64,
+    /// The last point after which the next one is kept: then the counter is not about to wrap.
+    last: u64,
     /// The cycle, and half of it, ps; zero if it is too long for that.
     cycle: Picos,
     half: u64,
-    /// The point that is expected next, ns of system time, and its number; `None` if it is not
-    /// known.
-    next: Option<u64>,
-    number: i64,
+    grid: Grid,
 }
 
 impl Points {
     pub fn new(grid: Grid) -> Self {
         let half = grid.cycle.0.checked_mul(1000).map_or(0, |cycle| (cycle.max(0) / 2) as u64);
-        Self { grid, cycle: grid.cycle.into(), half, next: None, number: 0 }
+        let last = u64::MAX.saturating_sub((grid.cycle.0 as u64).saturating_mul(2));
+        Self { next: 0, number: 0, near: 0, last, cycle: grid.cycle.into(), half, grid }
     }
 
     /// The cycle.
@@ -101,36 +107,39 @@ impl Points {
     #[inline]
     pub fn meet(&mut self, time: ClockTime) -> (i64, Picos) {
         // As a rule it is the point that follows the last one, and nothing is to be divided.
-        let Some((point, error)) = self.expected(time) else { return self.find(time.ps()) };
+        let Some(error) = self.expected(time) else { return self.find(time.ps()) };
         let number = self.number;
-        self.expect_after(point, number);
+        self.expect_after(self.next, number);
         (number, error)
     }
 
-    /// The point that was expected, if it is the nearest one, and the distance from it.
+    /// The distance from the point that was expected, if that is the nearest one.
     #[inline]
-    fn expected(&self, time: ClockTime) -> Option<(u64, Picos)> {
-        let point = self.next?;
-        let ns = time.shown.wrapping_sub(point) as i64;
+    fn expected(&self, time: ClockTime) -> Option<Picos> {
+        let ns = time.shown.wrapping_sub(self.next) as i64;
         let error = ns.checked_mul(1000)?.checked_add(time.since.0)?;
-        (error.unsigned_abs() < self.half).then_some((point, Picos(error)))
+        (error.unsigned_abs() < self.near).then_some(Picos(error))
     }
 
     #[inline]
     fn expect_after(&mut self, point: u64, number: i64) {
-        let cycle = self.grid.cycle.0 as u64;
         self.number = number.wrapping_add(1);
+        self.next = point.wrapping_add(self.grid.cycle.0 as u64);
         // Where the counter wraps, no next point is kept; the search finds it.
-        self.next = point.checked_add(cycle).filter(|next| *next <= u64::MAX - cycle);
+        if point > self.last {
+            self.near = 0;
+        }
     }
 
     #[cold]
     fn find(&mut self, system_ps: i128) -> (i64, Picos) {
         let (number, error) = (self.grid.index(system_ps), self.grid.error(system_ps));
-        match u64::try_from((system_ps - i128::from(error.0)) / 1000) {
-            Ok(point) if error.0.unsigned_abs() < self.half => self.expect_after(point, number),
-            // Of two points that are equally near, number and distance are those of different ones.
-            _ => self.next = None,
+        // Of two points that are equally near, number and distance are those of different ones.
+        let is_near = error.0.unsigned_abs() < self.half;
+        let point = u64::try_from((system_ps - i128::from(error.0)) / 1000);
+        self.near = if is_near && point.is_ok() { self.half } else { 0 };
+        if let Ok(point) = point {
+            self.expect_after(point, number);
         }
         (number, error)
     }

@@ -67,21 +67,23 @@ pub struct Fetched {
 
 /// Watches which inputs the frames of one SubDevice bring.
 #[derive(Clone, Debug, Default)]
+// In this order: all that a regular cycle touches lies together, and last.
+#[repr(C)]
 pub struct InputsCycle {
+    late: Late,
+    age: Statistics,
     /// The last event that starts a latch: a pulse, or the frame of an SM event.
     event: Time<True>,
-    latched: [Latch; UNDER_WAY],
     next: usize,
-    age: Statistics,
-    late: Late,
+    latched: [Latch; UNDER_WAY],
 }
 
 /// A latch of inputs.
 #[derive(Clone, Copy, Debug, Default)]
 struct Latch {
     at: Time<Device>,
-    /// The same in true time, if it is known already.
-    true_at: Option<Time<True>>,
+    /// The same in true time.
+    true_at: Time<True>,
     /// The event that started it.
     event: Time<True>,
 }
@@ -94,37 +96,50 @@ impl InputsCycle {
         self.event = at;
     }
 
-    /// Takes a latch of inputs, with its true time if that is known already.
+    /// Takes a latch of inputs, with its true time.
     #[inline]
-    pub fn latched(&mut self, at: Time<Device>, true_at: Option<Time<True>>) {
+    pub fn latched(&mut self, at: Time<Device>, true_at: Time<True>) {
         self.latched[self.next % UNDER_WAY] = Latch { at, true_at, event: self.event };
         self.next = self.next.wrapping_add(1);
     }
 
-    /// Takes inputs that no earlier frame had fetched; `true_time` converts the time of their
-    /// latch.
-    #[inline]
+    /// Takes inputs that no earlier frame had fetched; `true_time` converts the time of a latch that
+    /// was not seen.
+    #[inline(always)]
     pub fn fetched(
         &mut self,
         fetched: &Fetched,
         bound: &Bound,
         true_time: impl FnOnce(Time<Device>) -> Time<True>,
     ) {
-        let known = self.latched.iter().find(|latch| latch.at == fetched.latched);
-        let true_at = known.and_then(|latch| latch.true_at);
-        let age = fetched.arrive - true_at.unwrap_or_else(|| true_time(fetched.latched));
+        let known = self.find(fetched.latched);
+        let unknown = || (true_time(fetched.latched), Time::ZERO);
+        let (true_at, event) = known.map_or_else(unknown, |latch| (latch.true_at, latch.event));
+        let age = fetched.arrive - true_at;
         self.age.push(age.0);
-        let event = known.map_or(Time::ZERO, |latch| latch.event);
         if event == Time::ZERO {
             return;
         }
         let since = fetched.frame - event;
         let cycles = match *bound {
-            Bound::Free => 0,
-            Bound::Frame(ref frame) => frame.cycles_late(since),
             Bound::Pulse(ref opportunity) => opportunity.cycles_late_until_frame(since),
+            Bound::Frame(ref frame) => frame.cycles_late(since),
+            Bound::Free => 0,
         };
         self.late.take(fetched.arrive, cycles, age);
+    }
+
+    /// The latch at this time.
+    #[inline]
+    fn find(&self, at: Time<Device>) -> Option<&Latch> {
+        // As a rule it is the last one. Of two at the same time, which follow each other, the search
+        // finds one.
+        let [last, before] =
+            [1, 2].map(|back| &self.latched[self.next.wrapping_sub(back) % UNDER_WAY]);
+        if last.at == at && before.at != at {
+            return Some(last);
+        }
+        self.latched.iter().find(|latch| latch.at == at)
     }
 
     /// Time from Input Latch to the last bit of the first frame with these inputs at the
@@ -156,7 +171,7 @@ mod tests {
     fn fetch(judge: &mut InputsCycle, event: u64, latch: u64, frame: u64, bound: Bound) {
         judge.event(at(event));
         let latched = Time::new(latch * 1_000);
-        judge.latched(latched, None);
+        judge.latched(latched, at(latch));
         let arrive = at(frame + 10);
         judge.fetched(&Fetched { frame: at(frame), latched, arrive }, &bound, |_| at(latch));
     }

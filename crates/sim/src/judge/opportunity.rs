@@ -9,7 +9,12 @@ use super::Grid;
 /// of another. Both grids are intent and define the phrase "in its cycle". The distance seen
 /// between a real start and a real occasion then tells the number of cycles by which it was late.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[repr(C)]
 pub struct Opportunity {
+    /// The times from start to effect from which on an effect is late: if the start may be late,
+    /// and if the occasion may be. These are all that a regular cycle needs.
+    late_since: Picos,
+    late_until: Picos,
     /// Distance from a point of the first grid to the next point of the second, if both have the
     /// same cycle; above zero, and at most `step`.
     distance: Picos,
@@ -17,10 +22,6 @@ pub struct Opportunity {
     step: Picos,
     /// The longer of both cycles, which counts as a whole cycle.
     cycle: Picos,
-    /// The times from start to effect from which on an effect is late: if the start may be late,
-    /// and if the occasion may be.
-    late_since: Picos,
-    late_until: Picos,
 }
 
 impl Opportunity {

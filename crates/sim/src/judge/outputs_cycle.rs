@@ -36,18 +36,21 @@ pub enum Bound {
 
 /// Watches which frame brought the acting outputs of one SubDevice.
 #[derive(Clone, Debug, Default)]
+// In this order: all that a regular cycle touches lies together, and last.
+#[repr(C)]
 pub struct OutputsCycle {
-    /// Number of acting pulses so far, and the last one.
-    pulses: u64,
-    pulse: Mark<True>,
+    late: Late,
     /// Frames that stored outputs, with the number of pulses at that time.
     stored: [(Time<True>, u64); WAITING],
     next: usize,
-    /// The last frame that stored outputs, and the frame whose outputs acted last.
+    /// The last frame that stored outputs.
     newest: Time<True>,
+    /// The frame whose outputs acted last.
     acted: Time<True>,
+    /// Number of acting pulses so far, and the last one.
+    pulses: u64,
+    pulse: Mark<True>,
     age: Statistics,
-    late: Late,
 }
 
 impl OutputsCycle {
@@ -68,7 +71,7 @@ impl OutputsCycle {
 
     /// Takes outputs of a `frame` that act at `at`. Outputs that act repeatedly are judged only the
     /// first time, and the very first outputs are not judged.
-    #[inline]
+    #[inline(always)]
     pub fn acted(&mut self, frame: Time<True>, at: Time<True>, bound: &Bound) {
         if frame == Time::ZERO || frame == self.acted {
             return;
@@ -82,15 +85,23 @@ impl OutputsCycle {
         let age = at - frame;
         self.age.push(age.0);
         let cycles = match *bound {
-            Bound::Free => 0,
-            Bound::Sm2(cycle) => self.newer(frame, cycle),
             Bound::Pulse(ref opportunity) => self
                 .pulse
                 .get()
                 .map_or(0, |pulse| opportunity.cycles_late_since_frame(pulse - frame)),
-            Bound::NextPulse { pulse, frame: every } => self.passed(frame, pulse, every),
+            _ => self.cycles_late(frame, bound),
         };
         self.late.take(at, cycles, age);
+    }
+
+    /// Number of cycles by which outputs are late that are bound to no opportunity.
+    #[inline(never)]
+    fn cycles_late(&self, frame: Time<True>, bound: &Bound) -> i64 {
+        match *bound {
+            Bound::Free | Bound::Pulse(_) => 0,
+            Bound::Sm2(cycle) => self.newer(frame, cycle),
+            Bound::NextPulse { pulse, frame: every } => self.passed(frame, pulse, every),
+        }
     }
 
     /// Number of cycles by which the newest stored outputs are newer than these.

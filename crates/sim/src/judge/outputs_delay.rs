@@ -7,10 +7,12 @@ use crate::statistics::Statistics;
 
 /// Watches the time from the acting pulse to valid outputs of one SubDevice.
 #[derive(Clone, Debug, Default)]
+// In this order: all that a regular cycle touches lies together, and first.
+#[repr(C)]
 pub struct OutputsDelay {
-    limit: Picos,
     sync0: Mark<True>,
     delay: Statistics,
+    limit: Picos,
     first_beyond: Option<Time<True>>,
 }
 
@@ -27,9 +29,25 @@ impl OutputsDelay {
 
     /// Takes the instant at which outputs became valid.
     pub fn valid(&mut self, at: Time<True>) {
-        let Some(sync0) = self.sync0.take() else { return };
-        self.delay.push((at - sync0).0);
-        if self.spread() > self.limit && self.first_beyond.is_none() {
+        if let Some(sync0) = self.sync0.take() {
+            self.take(sync0, at);
+        }
+    }
+
+    /// Takes an acting SYNC0, and the instant at which outputs became valid.
+    #[inline]
+    pub(crate) fn cycle(&mut self, sync0: Time<True>, at: Time<True>) {
+        self.sync0.clear();
+        self.take(sync0, at);
+    }
+
+    #[inline(always)]
+    fn take(&mut self, sync0: Time<True>, at: Time<True>) {
+        // Only a value further out than all before makes the spread larger.
+        if self.delay.widens((at - sync0).0)
+            && self.spread() > self.limit
+            && self.first_beyond.is_none()
+        {
             self.first_beyond = Some(at);
         }
     }

@@ -15,7 +15,7 @@ pub struct OutputsValid {
     spread: Statistics,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Slot {
     cycle: i64,
     count: usize,
@@ -23,16 +23,22 @@ struct Slot {
     last: Time<True>,
 }
 
+impl Slot {
+    /// Of no cycle.
+    const FREE: Self = Self { cycle: i64::MIN, count: 0, first: Time::ZERO, last: Time::ZERO };
+}
+
 impl OutputsValid {
     /// Expects `devices` SubDevices in each cycle.
     pub fn new(devices: usize) -> Self {
-        Self { devices, open: [Slot::default(); OPEN], spread: Statistics::default() }
+        Self { devices, open: [Slot::FREE; OPEN], spread: Statistics::default() }
     }
 
     /// Takes outputs of cycle number `cycle` that became valid at one of the SubDevices.
+    #[inline(always)]
     pub fn valid(&mut self, cycle: i64, at: Time<True>) {
         let slot = &mut self.open[cycle.rem_euclid(OPEN as i64) as usize];
-        if slot.cycle != cycle || slot.count == 0 {
+        if slot.cycle != cycle {
             *slot = Slot { cycle, count: 0, first: at, last: at };
         }
         slot.count += 1;
@@ -41,9 +47,8 @@ impl OutputsValid {
         if slot.count == self.devices {
             let Picos(spread) = slot.last - slot.first;
             self.spread.push(spread);
-            slot.count = 0;
             // This cycle is complete: a further report of it would open a slot that never fills.
-            slot.cycle = i64::MIN;
+            *slot = Slot::FREE;
         }
     }
 

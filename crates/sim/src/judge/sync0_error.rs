@@ -11,12 +11,14 @@ use crate::statistics::Statistics;
 /// Edges without any spread are also wrong: [`Sync0Error::is_plausible`] rejects them at a
 /// SubDevice whose oscillator differs from the reference clock's and is controlled by it.
 #[derive(Clone, Debug)]
+// In this order: all that a regular cycle touches lies together, and first.
+#[repr(C)]
 pub struct Sync0Error {
     points: Points,
-    limit: Picos,
-    statistics: Statistics,
     /// The last edge, and its error.
     last: Option<(Time<True>, Picos)>,
+    statistics: Statistics,
+    limit: Picos,
     first_beyond: Option<(Time<True>, Picos)>,
     settling: Settling<Time<True>>,
 }
@@ -45,9 +47,10 @@ impl Sync0Error {
     pub(crate) fn meet(&mut self, at: Time<True>, reference: ClockTime) -> (i64, Picos) {
         let (number, error) = self.points.meet(reference);
         let error = self.follow(at, error);
-        self.statistics.push(error.0);
+        let widens = self.statistics.widens(error.0);
         self.settling.sample(at, error);
-        if error.abs() > self.limit && self.first_beyond.is_none() {
+        // The first one beyond the limit is further out than all before.
+        if widens && error.abs() > self.limit && self.first_beyond.is_none() {
             self.first_beyond = Some((at, error));
         }
         (number, error)

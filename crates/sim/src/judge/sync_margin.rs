@@ -9,6 +9,8 @@ use crate::statistics::Statistics;
 /// copying to the pulse at which the outputs act, SYNC0 or SYNC1. All times are counted by the
 /// SubDevice's own oscillator, like its times in 0x1C32.
 #[derive(Clone, Debug, Default)]
+// In this order: all that a regular cycle touches lies together.
+#[repr(C)]
 pub struct SyncMargin {
     sm2: Mark<Device>,
     /// An SM2 event that no SYNC0 has followed yet.
@@ -48,6 +50,22 @@ impl SyncMargin {
             return None;
         };
         Some(self.left(pulse - at))
+    }
+
+    /// Whether copying is in progress.
+    #[inline]
+    pub(crate) fn is_copying(&self) -> bool {
+        self.copying
+    }
+
+    /// Takes a whole cycle, while no copying is in progress: outputs are stored, copied, and act at
+    /// a SYNC0. It does what these calls do one after the other.
+    #[inline]
+    pub(crate) fn cycle(&mut self, stored: Time<Device>, ready: Time<Device>, at: Time<Device>) {
+        let none = Mark::default();
+        (self.sm2, self.stored, self.ready, self.overtaken) = (none, none, none, none);
+        self.distance.push((at - stored).0 * 1000);
+        self.left(at - ready);
     }
 
     /// Takes a SYNC0. If it is the acting pulse, [`acts`](Self::acts) follows.
@@ -155,5 +173,29 @@ mod tests {
         assert_eq!((judge.margin().count(), judge.margin().least()), (1, 0));
         assert_eq!((judge.distance().count(), judge.distance().least()), (2, 60_000));
         assert_eq!(judge.unready(), 1);
+    }
+
+    #[test]
+    fn a_whole_cycle_is_the_same_as_its_parts() {
+        for before in [0, 1, 2, 3, 4] {
+            let mut judge = SyncMargin::default();
+            let parts = |judge: &mut SyncMargin, count: usize, at: u64| {
+                let all: [fn(&mut SyncMargin, u64); 4] = [
+                    |judge, at| judge.sm2(Time::new(at)),
+                    |judge, _| judge.begins(),
+                    |judge, at| assert_eq!(judge.ready(Time::new(at + 20)), None),
+                    |judge, at| pulse(judge, at + 50),
+                ];
+                all[..count].iter().for_each(|part| part(judge, at));
+            };
+            parts(&mut judge, before, 100);
+            if judge.is_copying() {
+                continue;
+            }
+            let mut whole = judge.clone();
+            parts(&mut judge, 4, 1_000);
+            whole.cycle(Time::new(1_000), Time::new(1_020), Time::new(1_050));
+            assert_eq!(format!("{judge:?}"), format!("{whole:?}"), "{before}");
+        }
     }
 }

@@ -12,6 +12,7 @@ mod bulk;
 #[path = "../../../isocat/tests/random_segments/generator.rs"]
 #[allow(dead_code, reason = "whether devices are honest is another test's concern")]
 mod generator;
+mod judges;
 mod scenarios;
 mod witness;
 

@@ -30,6 +30,8 @@ struct Work {
     begun: u64,
     /// The instant at which the last own frame came back, and the number of cycles begun by then.
     heard: (Time<Host>, u64),
+    /// When the MainDevice wants its next input, as of the end of the last step.
+    wanted: Option<Time<Host>>,
     /// A caller may have asked something of the MainDevice since the last step.
     asked: bool,
 }
@@ -52,13 +54,16 @@ impl<A: Application> Exchange<A> {
             now,
             begun: 0,
             heard: (now, 0),
+            wanted: None,
             asked: true,
         };
         Self { work, application }
     }
 
-    /// Waits for the next event: a frame arrives, frames leave, or `limit` is reached. Returns
-    /// false if the MainDevice has nothing more to do. Take the events after each step.
+    /// Waits for the next event: a frame arrives, frames leave, a cycle is complete, or `limit` is
+    /// reached. In operation it goes on to the end of the cycle unless there is an event for the
+    /// caller. Returns false if the MainDevice has nothing more to do. Take the events
+    /// after each step.
     pub fn step(&mut self, limit: Time<Host>) -> Result<bool, LinkError> {
         self.work.step(limit, &mut self.application)
     }
@@ -140,33 +145,54 @@ impl Work {
         if std::mem::take(&mut self.asked) {
             self.now = clock::now();
             self.transmit()?;
+            self.wanted = self.main.next_timeout();
+        } else if self.main.frames_in_flight() > 0 {
+            self.now = clock::now();
         }
-        let wanted = match self.main.next_timeout() {
-            Some(wanted) => wanted,
-            None => return Ok(false),
-        };
-        // The caller may have taken long, so `now` may be early, and the wait then too short.
-        let until = wanted.min(limit).min(self.now + LONGEST_WAIT);
-        let expects = self.main.frames_in_flight() > 0;
-        let is_cycle = self.main.next_cycle() == Some(until);
-        let (arrived, now) = self.link.wait_from(self.now, until, expects, is_cycle)?;
-        self.now = now;
-        let mut wanted = Some(wanted);
-        if arrived {
-            self.receive(application)?;
-            self.transmit()?;
-            wanted = self.main.next_timeout();
+        let Some(mut wanted) = self.wanted else { return Ok(false) };
+        loop {
+            // The caller may have taken long, so `now` may be early, and the wait then too short.
+            let until = wanted.min(limit).min(self.now + LONGEST_WAIT);
+            let expects = self.main.frames_in_flight() > 0;
+            let is_cycle = self.main.next_cycle() == Some(until);
+            let (arrived, now) = self.link.wait_from(self.now, until, expects, is_cycle)?;
+            self.now = now;
+            let mut is_complete = false;
+            if arrived {
+                is_complete = self.receive(application)?;
+                self.transmit()?;
+                self.wanted = self.main.next_timeout();
+                let Some(next) = self.wanted else { return Ok(true) };
+                wanted = next;
+            }
+            if wanted <= self.now {
+                self.main.handle_timeout(self.now);
+                is_complete |= self.main.poll_cycle(application).is_some();
+                self.transmit()?;
+                self.wanted = self.main.next_timeout();
+                let Some(next) = self.wanted else { return Ok(true) };
+                wanted = next;
+            }
+            if is_complete || !self.is_under_way(limit) {
+                return Ok(true);
+            }
         }
-        if wanted.is_some_and(|wanted| wanted <= self.now) {
-            self.main.handle_timeout(self.now);
-            self.main.poll_cycle(application);
-            self.transmit()?;
-        }
-        Ok(true)
     }
 
-    /// Takes the frames that have arrived, until no more are expected.
-    fn receive(&mut self, application: &mut dyn Application) -> Result<(), LinkError> {
+    /// Whether frames are under way in operation and the caller has nothing to do before they are
+    /// back.
+    #[inline]
+    fn is_under_way(&self, limit: Time<Host>) -> bool {
+        self.main.is_operating()
+            && self.main.frames_in_flight() > 0
+            && !self.main.has_event()
+            && self.now < limit
+    }
+
+    /// Takes the frames that have arrived, until no more are expected; in operation only the first
+    /// one. Returns whether a cycle is complete.
+    fn receive(&mut self, application: &mut dyn Application) -> Result<bool, LinkError> {
+        let mut is_complete = false;
         for _ in 0..MOST_AT_ONCE {
             // Before the cycle starts, frames are sent as fast as they return.
             let patient = self.main.next_cycle().is_none();
@@ -181,7 +207,7 @@ impl Work {
             let counts = self.main.counts();
             let (received, echoed) = (counts.frames_received, counts.frames_echoed);
             self.main.handle_frame(self.now, self.link.frame(arrival));
-            self.main.poll_cycle(application);
+            is_complete |= self.main.poll_cycle(application).is_some();
             let counts = self.main.counts();
             if counts.frames_received == received {
                 // The frame does not belong to the MainDevice, or came too late.
@@ -191,31 +217,44 @@ impl Work {
                 self.heard = (self.now, self.begun);
                 self.link.answered(arrival);
             }
-            if self.main.frames_in_flight() == 0 {
+            // The frames of a cycle come one by one: to look for the next one at once would nearly
+            // always be in vain. On the way up all answers that are there make fuller frames.
+            if self.main.is_operating() || self.main.frames_in_flight() == 0 {
+                break;
+            }
+        }
+        Ok(is_complete)
+    }
+
+    /// Sends everything that is due. Often that is nothing, so the check alone is a part of the
+    /// caller.
+    #[inline(always)]
+    fn transmit(&mut self) -> Result<(), LinkError> {
+        while self.main.has_frame(self.now) {
+            if !self.send()? {
                 break;
             }
         }
         Ok(())
     }
 
-    /// Sends everything that is due.
-    fn transmit(&mut self) -> Result<(), LinkError> {
-        while self.main.has_frame(self.now) {
-            let due = self.main.next_cycle();
-            self.now = clock::now();
-            let Some(len) = self.main.poll_transmit(self.now, &mut self.outgoing[..]) else {
-                return Ok(());
-            };
-            self.link.send(self.now, &self.outgoing[..len], due.is_none())?;
-            let begun = self.main.counts().cycles;
-            if begun != self.begun {
-                self.begun = begun;
-                if let Some(due) = due {
-                    self.link.begin_cycle(self.now, due);
-                }
+    /// Sends a frame; `false` if there is none.
+    #[inline(never)]
+    fn send(&mut self) -> Result<bool, LinkError> {
+        let due = self.main.next_cycle();
+        self.now = clock::now();
+        let Some(len) = self.main.poll_transmit(self.now, &mut self.outgoing[..]) else {
+            return Ok(false);
+        };
+        self.link.send(self.now, &self.outgoing[..len], due.is_none())?;
+        let begun = self.main.counts().cycles;
+        if begun != self.begun {
+            self.begun = begun;
+            if let Some(due) = due {
+                self.link.begin_cycle(self.now, due);
             }
         }
-        Ok(())
+        Ok(true)
     }
 }
 

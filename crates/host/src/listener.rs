@@ -84,15 +84,15 @@ impl Listener {
     /// `Err(Down)`: the interface went down; frames arrive again once it is up.
     pub fn receive(&mut self, buffer: &mut [u8]) -> Result<Option<Heard>, LinkError> {
         for _ in 0..MOST_PASSED_OVER {
-            let taken = match sys::receive(self.socket.as_fd(), buffer) {
+            let taken = match sys::receive(self.socket.as_fd(), buffer, true) {
                 Ok(taken) => taken,
                 Err(error) => {
-                    return match Errno::from_io_error(&error) {
-                        Some(Errno::AGAIN | Errno::INTR) => Ok(None),
-                        Some(Errno::NETDOWN | Errno::NODEV) => {
+                    return match error {
+                        Errno::AGAIN | Errno::INTR => Ok(None),
+                        Errno::NETDOWN | Errno::NODEV => {
                             Err(LinkError::Down(self.interface.clone()))
                         }
-                        _ => Err(LinkError::os("receiving on", &self.interface, error)),
+                        error => Err(LinkError::os("receiving on", &self.interface, error.into())),
                     };
                 }
             };

@@ -2,7 +2,7 @@
 
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-use isocat_wire::time::{Host, Time};
+use isocat_wire::time::{Host, Nanos, Time};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::Errno;
 use rustix::net::SendFlags;
@@ -70,6 +70,7 @@ impl RawSocket {
     }
 
     /// Sends a frame. One system call.
+    #[inline]
     pub fn send(&self, frame: &[u8]) -> Result<(), LinkError> {
         loop {
             let error = match rustix::net::send(&self.socket, frame, SendFlags::DONTWAIT) {
@@ -77,37 +78,53 @@ impl RawSocket {
                 Err(Errno::INTR) => continue,
                 Err(error) => error,
             };
-            return match error {
-                // The port's queue is full, or its other end is down: the frame is lost, as on a
-                // wire.
-                Errno::AGAIN | Errno::NOBUFS => Ok(()),
-                Errno::NETDOWN | Errno::NODEV | Errno::NXIO => {
-                    Err(LinkError::Down(self.interface.clone()))
-                }
-                error => Err(LinkError::os("sending on", &self.interface, error.into())),
-            };
+            return self.not_sent(error);
+        }
+    }
+
+    #[cold]
+    fn not_sent(&self, error: Errno) -> Result<(), LinkError> {
+        match error {
+            // The port's queue is full, or its other end is down: the frame is lost, as on a wire.
+            Errno::AGAIN | Errno::NOBUFS => Ok(()),
+            Errno::NETDOWN | Errno::NODEV | Errno::NXIO => {
+                Err(LinkError::Down(self.interface.clone()))
+            }
+            error => Err(LinkError::os("sending on", &self.interface, error.into())),
         }
     }
 
     /// Takes the next frame, if one has arrived. One system call.
+    #[inline]
     pub fn receive(&mut self, buffer: &mut [u8]) -> Result<Option<Received>, LinkError> {
-        match sys::receive(self.socket.as_fd(), buffer) {
+        match sys::receive(self.socket.as_fd(), buffer, false) {
             Ok(sys::Taken { len, stamp, .. }) => {
                 let (at, taken) = self.stamps.instant(stamp);
                 Ok(Some(Received { len, at, taken }))
             }
-            Err(error) => match Errno::from_io_error(&error) {
-                Some(Errno::AGAIN | Errno::INTR) => Ok(None),
-                Some(Errno::NETDOWN | Errno::NODEV) => Err(LinkError::Down(self.interface.clone())),
-                _ => Err(LinkError::os("receiving on", &self.interface, error)),
-            },
+            Err(Errno::AGAIN | Errno::INTR) => Ok(None),
+            Err(error) => Err(self.not_received(error)),
+        }
+    }
+
+    #[cold]
+    fn not_received(&self, error: Errno) -> LinkError {
+        match error {
+            Errno::NETDOWN | Errno::NODEV => LinkError::Down(self.interface.clone()),
+            error => LinkError::os("receiving on", &self.interface, error.into()),
         }
     }
 
     /// Sleeps until a frame arrives, `until` is reached or a signal comes. Returns whether a frame
     /// may have arrived. One system call.
     pub fn wait(&self, until: Option<Time<Host>>) -> Result<bool, LinkError> {
-        let timeout = until.map(|until| clock::timespec(until - clock::now()));
+        self.wait_for(until.map(|until| until - clock::now()))
+    }
+
+    /// The same for this time.
+    #[inline]
+    pub(super) fn wait_for(&self, span: Option<Nanos>) -> Result<bool, LinkError> {
+        let timeout = span.map(clock::timespec);
         let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
         match poll(&mut fds, timeout.as_ref()) {
             Ok(ready) => Ok(ready > 0),

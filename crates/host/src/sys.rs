@@ -5,6 +5,8 @@ use std::io;
 use std::mem::{MaybeUninit, size_of};
 use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
 
+use rustix::io::Errno;
+
 /// EtherType of EtherCAT, as the kernel wants it.
 const PROTOCOL: u16 = (0x88A4_u16).to_be();
 
@@ -104,8 +106,13 @@ pub(super) struct Taken {
     pub outgoing: bool,
 }
 
-/// Takes one frame, if one has arrived.
-pub(super) fn receive(socket: BorrowedFd<'_>, buffer: &mut [u8]) -> io::Result<Taken> {
+/// Takes one frame, if one has arrived. `asks`: whether this machine sent it is of interest.
+#[inline(always)]
+pub(super) fn receive(
+    socket: BorrowedFd<'_>,
+    buffer: &mut [u8],
+    asks: bool,
+) -> Result<Taken, Errno> {
     let mut part = libc::iovec { iov_base: buffer.as_mut_ptr().cast(), iov_len: buffer.len() };
     // The type gives the alignment that control messages need.
     let mut control = [MaybeUninit::<libc::cmsghdr>::uninit(); 8];
@@ -115,16 +122,22 @@ pub(super) fn receive(socket: BorrowedFd<'_>, buffer: &mut [u8]) -> io::Result<T
     unsafe {
         let mut header: libc::msghdr = MaybeUninit::zeroed().assume_init();
         let mut from: libc::sockaddr_ll = MaybeUninit::zeroed().assume_init();
-        header.msg_name = (&raw mut from).cast();
-        header.msg_namelen = size_of::<libc::sockaddr_ll>() as u32;
+        if asks {
+            header.msg_name = (&raw mut from).cast();
+            header.msg_namelen = size_of::<libc::sockaddr_ll>() as u32;
+        }
         header.msg_iov = &raw mut part;
         header.msg_iovlen = 1;
         header.msg_control = control.as_mut_ptr().cast();
         header.msg_controllen = size_of_val(&control);
         let flags = libc::MSG_DONTWAIT | libc::MSG_TRUNC;
-        let len = libc::recvmsg(socket.as_raw_fd(), &raw mut header, flags);
+        // The function of the C library of this name is a point where threads may be cancelled,
+        // which costs more than the call.
+        let socket = libc::c_long::from(socket.as_raw_fd());
+        let len =
+            libc::syscall(libc::SYS_recvmsg, socket, &raw mut header, libc::c_long::from(flags));
         if len < 0 {
-            return Err(io::Error::last_os_error());
+            return Err(last_error());
         }
         let mut stamp = None;
         let mut message = libc::CMSG_FIRSTHDR(&raw const header);
@@ -134,12 +147,19 @@ pub(super) fn receive(socket: BorrowedFd<'_>, buffer: &mut [u8]) -> io::Result<T
                 let time: libc::timespec =
                     libc::CMSG_DATA(message).cast::<libc::timespec>().read_unaligned();
                 stamp = Some(nanos(time));
+                break;
             }
             message = libc::CMSG_NXTHDR(&raw const header, message);
         }
-        let outgoing = from.sll_pkttype == libc::PACKET_OUTGOING;
+        let outgoing = asks && from.sll_pkttype == libc::PACKET_OUTGOING;
         Ok(Taken { len: len as usize, stamp, outgoing })
     }
+}
+
+/// The error of the last call.
+#[cold]
+fn last_error() -> Errno {
+    Errno::from_io_error(&io::Error::last_os_error()).unwrap_or(Errno::IO)
 }
 
 /// Puts the calling thread under `SCHED_FIFO` with this priority, 1 to 99.
@@ -155,6 +175,7 @@ pub(super) fn schedule_fifo(priority: i32) -> io::Result<()> {
 
 /// What a clock of the system shows, ns. Read by the C library: it needs no system call, and tools
 /// that count instructions can follow it.
+#[inline]
 pub(super) fn clock(number: libc::clockid_t) -> u64 {
     let mut time = MaybeUninit::<libc::timespec>::zeroed();
     // SAFETY: the time outlives the call, and all-zero is a valid one.

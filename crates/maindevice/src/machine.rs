@@ -378,6 +378,7 @@ impl MainDevice {
     }
 
     /// Whether all SubDevices went to OP and no stop was requested.
+    #[inline]
     pub fn is_operating(&self) -> bool {
         matches!(self.activity, Activity::Operating)
     }

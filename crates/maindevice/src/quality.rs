@@ -127,11 +127,11 @@ impl Monitor {
     /// Takes the answer of a clock without judging it; returns whether no alarm changes by it. If
     /// not, call [`Self::judge_clock`].
     #[inline(always)]
-    pub fn keep_clock(&mut self, index: usize, found: Option<Registers>) -> bool {
+    pub fn keep_clock(&mut self, index: usize, found: Registers) -> bool {
         self.background.keep_clock(index, found)
     }
 
-    /// Judges an answer that was taken; returns the alarms that come or end.
+    /// Judges an answer that was taken, `None` without one; returns the alarms that come or end.
     pub fn judge_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         self.background.judge_clock(index, found)
     }

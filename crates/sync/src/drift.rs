@@ -70,41 +70,30 @@ pub struct Convergence {
     limits: Limits,
     readings: [(Time<Host>, Nanos); WINDOW],
     count: usize,
-    /// The time from which the sums count: that of the first reading.
-    origin: Time<Host>,
     sums: Sums,
     /// All bits that a size of a difference had so far.
     sizes: i64,
 }
 
-/// Sums over the readings in the window, for the line through them: each new reading comes in as
-/// the oldest one leaves. They wrap around, so they are exact as long as the result fits: see
-/// [`Convergence::line`].
+/// Sums over the readings in the window, for the numerator of the line through them: each new
+/// reading comes in as the oldest one leaves. They wrap around, so the numerator is exact as long
+/// as it fits, and the same from any origin of time on: see [`Convergence::short_numerator`].
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     x: i64,
     y: i64,
-    xx: i128,
     xy: i64,
 }
 
 impl Sums {
-    /// Adds a reading, `x` ns after the origin.
+    /// Replaces a reading by another one. One at zero is none.
     #[inline(always)]
-    fn add(&mut self, x: i64, Nanos(y): Nanos) {
-        self.x = self.x.wrapping_add(x);
-        self.y = self.y.wrapping_add(y);
-        self.xx = self.xx.wrapping_add(product(x, x));
-        self.xy = self.xy.wrapping_add(x.wrapping_mul(y));
-    }
-
-    /// Removes one that was added.
-    #[inline(always)]
-    fn remove(&mut self, x: i64, Nanos(y): Nanos) {
-        self.x = self.x.wrapping_sub(x);
-        self.y = self.y.wrapping_sub(y);
-        self.xx = self.xx.wrapping_sub(product(x, x));
-        self.xy = self.xy.wrapping_sub(x.wrapping_mul(y));
+    fn replace(&mut self, (old, Nanos(gone)): (Time<Host>, Nanos), (x, Nanos(y)): (i64, Nanos)) {
+        let old = old.count() as i64;
+        self.x = self.x.wrapping_add(x.wrapping_sub(old));
+        self.y = self.y.wrapping_add(y.wrapping_sub(gone));
+        let product = x.wrapping_mul(y).wrapping_sub(old.wrapping_mul(gone));
+        self.xy = self.xy.wrapping_add(product);
     }
 }
 
@@ -112,23 +101,15 @@ impl Convergence {
     /// No readings yet.
     pub fn new(limits: Limits) -> Self {
         let readings = [(Time::ZERO, Nanos::ZERO); WINDOW];
-        let (origin, sums) = (Time::ZERO, Sums::default());
-        Self { limits, readings, count: 0, origin, sums, sizes: 0 }
+        Self { limits, readings, count: 0, sums: Sums::default(), sizes: 0 }
     }
 
     /// Adds one reading of the system time difference. No reading is earlier than the one before.
     #[inline]
     pub fn sample(&mut self, at: Time<Host>, difference: Nanos) {
-        if self.count == 0 {
-            self.origin = at;
-        }
-        let origin = self.origin;
         let place = &mut self.readings[self.count % WINDOW];
-        if self.count >= WINDOW {
-            self.sums.remove((place.0 - origin).0, place.1);
-        }
+        self.sums.replace(*place, (at.count() as i64, difference));
         *place = (at, difference);
-        self.sums.add((at - origin).0, difference);
         self.sizes |= difference.0 ^ (difference.0 >> 63);
         self.count += 1;
     }
@@ -154,16 +135,54 @@ impl Convergence {
         most < u128::from(self.span()) * u128::from(most_ppb) || self.is_flat_by_line(most_ppb)
     }
 
+    /// Whether the slope is at most [`SETTLED_PPB`], as [`Self::is_flat`] says it: the question
+    /// that each reading asks.
+    #[inline]
+    pub fn is_settled(&self, worst: Nanos) -> bool {
+        // See `is_flat`; both sides are divided by the slope.
+        let most = worst.0.unsigned_abs().saturating_mul(6 * NANOS_PER_SECOND as u64 / SETTLED);
+        self.count < WINDOW || most < self.span() || self.is_settled_by_line()
+    }
+
+    /// Whether the clock surely moves by no more than `room` by its slope within each of so many
+    /// `parts` of `time`. No difference in the window is farther from zero than `worst`.
+    pub fn stays_within(&self, room: Nanos, time: Nanos, parts: u64, worst: Nanos) -> bool {
+        // See `is_flat` for the slope.
+        let size = |span: Nanos| u128::from(span.0.unsigned_abs());
+        let most = size(worst) * 6 * size(time);
+        self.count < WINDOW || most <= u128::from(self.span()) * size(room) * u128::from(parts)
+    }
+
+    fn is_settled_by_line(&self) -> bool {
+        let span = self.span();
+        // The numerator is below the least denominator (see below) times the slope: 8008 / 10^9
+        // times the square of the span, of which this is less.
+        self.short_numerator()
+            .is_some_and(|numerator| numerator.unsigned_abs() < (span * span) >> 17)
+            || self.is_flat_by_line(SETTLED_PPB)
+    }
+
     fn is_flat_by_line(&self, most_ppb: u32) -> bool {
-        let most = u64::from(most_ppb) + 1;
         // The slope is rounded towards zero.
-        if let Some((denominator, numerator)) = self.short_line() {
+        let most = u128::from(most_ppb) + 1;
+        if let Some(numerator) = self.short_numerator() {
             let scaled = u128::from(numerator.unsigned_abs()) * NANOS_PER_SECOND as u128;
-            return denominator == 0 || scaled < denominator * u128::from(most);
+            // The denominator is n · Σd², and Σd² at least half of the sum of the squares of the
+            // times from each of some readings to one of the later ones: from the oldest one to the
+            // newest one, and three times from a reading of the next three to one before the last
+            // three. These are at least `gap`. It is two thirds of the denominator with readings at
+            // equal distances, so that the denominator itself is seldom needed.
+            let [span, gap] = [self.span(), self.gap()].map(u128::from);
+            let least = (span * span + 3 * gap * gap) * u128::from(LEAST);
+            if scaled < least * most {
+                return true;
+            }
+            let denominator = self.denominator();
+            return denominator == 0 || scaled < denominator * most;
         }
         let (denominator, numerator) = self.line_of_window();
         let scaled = (numerator * NANOS_PER_SECOND).unsigned_abs();
-        denominator == 0 || scaled < denominator.unsigned_abs().saturating_mul(u128::from(most))
+        denominator == 0 || scaled < denominator.unsigned_abs().saturating_mul(most)
     }
 
     /// Time from the oldest reading of a full window to the newest one, ns.
@@ -171,6 +190,13 @@ impl Convergence {
     fn span(&self) -> u64 {
         let (first, last) = (self.count % WINDOW, (self.count + WINDOW - 1) % WINDOW);
         (self.readings[last].0 - self.readings[first].0).0.unsigned_abs()
+    }
+
+    /// Time from the fourth reading of a full window to the fourth last one, ns.
+    #[inline]
+    fn gap(&self) -> u64 {
+        let (first, last) = ((self.count + 3) % WINDOW, (self.count + WINDOW - 4) % WINDOW);
+        (self.readings[last].0 - self.readings[first].0).0.max(0) as u64
     }
 
     /// Judges the window.
@@ -225,24 +251,34 @@ impl Convergence {
 
     /// Denominator and numerator of the slope of the least-squares line through a full window.
     fn line(&self) -> (i128, i128) {
-        match self.short_line() {
-            Some((denominator, numerator)) => (denominator as i128, numerator.into()),
+        match self.short_numerator() {
+            Some(numerator) => (self.denominator() as i128, numerator.into()),
             None => self.line_of_window(),
         }
     }
 
-    /// The same by the running sums, if the result fits: the denominator is at most n² / 4 times
-    /// the square of the span, and the numerator n² / 4 times the span and the range of the
-    /// differences.
+    /// The numerator by the running sums, if it fits: it is at most n² / 4 times the span and the
+    /// range of the differences.
     #[inline]
-    fn short_line(&self) -> Option<(u128, i64)> {
+    fn short_numerator(&self) -> Option<i64> {
         if self.span() >= SHORT_SPAN || self.sizes >= SMALL_SIZE {
             return None;
         }
-        let Sums { x, y, xx, xy } = self.sums;
-        let denominator = xx.wrapping_mul(WINDOW as i128).wrapping_sub(product(x, x));
-        let numerator = xy.wrapping_mul(WINDOW as i64).wrapping_sub(x.wrapping_mul(y));
-        Some((denominator as u128, numerator))
+        let Sums { x, y, xy } = self.sums;
+        Some(xy.wrapping_mul(WINDOW as i64).wrapping_sub(x.wrapping_mul(y)))
+    }
+
+    /// The denominator of a line with a short span: at most n² / 4 times the square of the span.
+    fn denominator(&self) -> u128 {
+        let oldest = self.readings[self.count % WINDOW].0;
+        let (mut sum, mut squares) = (0_u64, 0_u128);
+        for (at, _) in &self.readings {
+            let x = (*at - oldest).0 as u64;
+            sum = sum.wrapping_add(x);
+            squares = squares.wrapping_add(u128::from(x) * u128::from(x));
+        }
+        let square = u128::from(sum) * u128::from(sum);
+        squares.wrapping_mul(WINDOW as u128).wrapping_sub(square)
     }
 
     /// The same by the readings themselves.
@@ -271,6 +307,9 @@ fn product(a: i64, b: i64) -> i128 {
 const SHORT_SPAN: u64 = 1 << 32;
 const SMALL_SIZE: i64 = 1 << 24;
 const NANOS_PER_SECOND: i128 = 1_000_000_000;
+const SETTLED: u64 = SETTLED_PPB as u64;
+/// The least denominator of a line in squares of the span.
+const LEAST: u64 = WINDOW as u64 / 2;
 
 /// Slope of the least-squares line with this denominator and numerator.
 fn slope_ppb((denominator, numerator): (i128, i128)) -> i64 {
@@ -389,6 +428,19 @@ mod tests {
                         let worst = convergence.readings.map(|(_, y)| y.abs()).into_iter().max();
                         let flat = convergence.is_flat(most, worst.expect("there are readings"));
                         assert_eq!(flat, slope <= i64::from(most), "{slope}");
+                    }
+                    let worst = convergence.readings.map(|(_, y)| y.abs()).into_iter().max();
+                    let worst = worst.expect("there are readings");
+                    let settled = convergence.is_settled(worst);
+                    assert_eq!(settled, slope <= i64::from(SETTLED_PPB), "{slope}");
+                    for (time, parts) in [(1_000_000, 1), (1 << 40, 255)] {
+                        let moved = i128::from(time / parts) * i128::from(slope) / 1_000_000_000;
+                        for room in [moved - 1, moved, 3 * moved, 100 * moved] {
+                            let Ok(room @ 0..) = i64::try_from(room) else { continue };
+                            let (time, room) = (Nanos(time), Nanos(room));
+                            let stays = convergence.stays_within(room, time, parts as u64, worst);
+                            assert!(!stays || moved <= i128::from(room.0), "{slope}");
+                        }
                     }
                 }
             }

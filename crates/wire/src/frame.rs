@@ -252,24 +252,25 @@ impl<'a> FrameWriter<'a> {
     }
 
     /// Adds datagrams that are whole already: headers, data and working counters, one behind the
-    /// other. All of them take this index.
+    /// other. All but the last have the flag that another one follows. All of them take this index.
     pub fn push_whole(&mut self, index: u8, datagrams: &[u8]) -> Result<(), FrameFull> {
-        let (mut start, end) = (self.end, self.end + datagrams.len());
+        let (start, end) = (self.end, self.end + datagrams.len());
         if end > self.buffer.len() {
             return Err(FrameFull);
         }
         if let Some(last) = self.last.filter(|_| !datagrams.is_empty()) {
             self.buffer[last + 7] |= 0x80;
         }
-        let mut rest = &mut self.buffer[start..end];
-        rest.copy_from_slice(datagrams);
-        while let Some((header, more)) = rest.split_first_chunk_mut::<{ datagram::HEADER_LEN }>() {
+        let whole = &mut self.buffer[start..end];
+        whole.copy_from_slice(datagrams);
+        let mut at = 0;
+        while let Some(header) =
+            whole.get_mut(at..).and_then(|rest| rest.first_chunk_mut::<{ datagram::HEADER_LEN }>())
+        {
             header[1] = index;
-            header[7] |= 0x80;
             let len = usize::from(u16::from_le_bytes([header[6], header[7]]) & 0x07FF);
-            self.last = Some(start);
-            start += datagram::HEADER_LEN + len + datagram::WKC_LEN;
-            rest = more.get_mut(len + datagram::WKC_LEN..).unwrap_or_default();
+            self.last = Some(start + at);
+            at += datagram::HEADER_LEN + len + datagram::WKC_LEN;
         }
         if let Some(last) = self.last {
             self.buffer[last + 7] &= !0x80;

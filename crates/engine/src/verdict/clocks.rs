@@ -21,7 +21,7 @@ struct Followed {
     /// Time of the first reading beyond the limit, and the worst of all.
     beyond: Option<Nanos>,
     worst: Nanos,
-    /// The largest bound.
+    /// The largest bound of those that may reach beyond the limit.
     bound: Option<Nanos>,
 }
 
@@ -61,7 +61,9 @@ impl Clocks {
                 followed.beyond.get_or_insert(at);
             }
         }
-        followed.bound = followed.bound.max(clock.bound());
+        // A smaller one has no effect, see `end`.
+        let known = followed.bound.unwrap_or(Nanos(limit.0 / BETWEEN_FRAMES));
+        followed.bound = clock.larger_bound(known).or(followed.bound);
         followed.seen = last;
     }
 

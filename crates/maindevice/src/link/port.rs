@@ -170,8 +170,8 @@ impl Port {
     }
 
     /// Queues a batch of `count` datagrams (FPRD) that are whole already: headers, data and working
-    /// counters, one behind the other. They travel in one frame. [`Self::take_batch`] returns the
-    /// memory.
+    /// counters, one behind the other, each with the flag that another one follows. They travel in
+    /// one frame. [`Self::take_batch`] returns the memory.
     pub fn enqueue_batch(&mut self, datagrams: Vec<u8>, count: u16) -> usize {
         let at = self.free.pop();
         let nobody = Address::Broadcast(0);
@@ -655,17 +655,17 @@ impl Slot {
     fn behind_batch<'b>(&self, bytes: &'b [u8], is_last: bool) -> Option<&'b [u8]> {
         let (found, rest) = bytes.split_at_checked(self.data.len())?;
         // All datagrams are looked at, and what differs is gathered: nearly always it is nothing.
-        let (mut differs, mut followed, mut last) = (0, MORE, MORE);
+        // Ours all say that another one follows, and the last one may be right not to.
+        let (mut differs, mut last) = (0, 0);
         let mut at = 0;
         while let (Some(ours), Some(theirs)) = (start_at(&self.data, at), start_at(found, at)) {
-            differs |= (ours ^ theirs) & UNCHANGED;
-            // Behind the one before there is this one.
-            followed &= last;
-            last = theirs;
+            differs |= last;
+            last = ours ^ theirs;
             at += HEADER_LEN + (ours >> 48 & 0x07FF) as usize + WKC_LEN;
         }
-        let ends = last & MORE == 0;
-        (differs == 0 && followed != 0 && ends == is_last).then_some(rest)
+        let same = differs & (UNCHANGED | MORE) == 0 && last & UNCHANGED == 0;
+        let ends = last & MORE != 0;
+        (same && ends == is_last).then_some(rest)
     }
 }
 

@@ -9,10 +9,11 @@ use super::procedures::{About, Ended};
 use super::share::most_octets;
 use super::way::Activity;
 use super::{MainDevice, in_hand};
+use crate::board::Board;
 use crate::coe;
 use crate::event::Event;
 use crate::link::Shared;
-use crate::quality::{self, ClockQuality, ObjectQuality, Snapshot};
+use crate::quality::{self, ClockQuality, Monitor, ObjectQuality, Snapshot};
 
 /// Quality of the running segment.
 impl MainDevice {
@@ -107,13 +108,24 @@ impl MainDevice {
             // While the delays do not fit the way of frames, 0x092C shows the way and not the
             // clock.
             let doubted = cycle.doubts_clocks();
-            reads.take(port, |index, registers| {
-                if !doubted && !monitor.keep_clock(index, registers) {
-                    for change in monitor.judge_clock(index, registers) {
+            if doubted {
+                reads.take(port, &mut (), |(), _, _| (), |(), _| ());
+            } else {
+                let judge = |(monitor, board): &mut (&mut Monitor, &mut Board), index, found| {
+                    for change in monitor.judge_clock(index, found) {
                         board.report(Event::Alarm(change));
                     }
-                }
-            });
+                };
+                let keep = |context: &mut (&mut Monitor, &mut Board), index, registers| {
+                    if !context.0.keep_clock(index, registers) {
+                        judge(context, index, Some(registers));
+                    }
+                };
+                let miss = |context: &mut (&mut Monitor, &mut Board), index| {
+                    judge(context, index, None);
+                };
+                reads.take(port, &mut (&mut *monitor, board), keep, miss);
+            }
         } else if monitor.has_clocks_to_read(now, cycle.number()) {
             let octets = most_octets(cycle, config);
             let (wanted, datagrams) = reads.clear();

@@ -87,7 +87,7 @@ impl Background {
 
     /// Takes the answer of a clock without judging it: see [`Clocks::take`].
     #[inline(always)]
-    pub(super) fn keep_clock(&mut self, index: usize, found: Option<Registers>) -> bool {
+    pub(super) fn keep_clock(&mut self, index: usize, found: Registers) -> bool {
         self.clocks.take(index, found)
     }
 

@@ -121,9 +121,8 @@ impl ClockQuality {
         if self.unled {
             return None;
         }
-        let (first, last) = (self.readings.first()?.at, self.readings.last()?.at);
-        let count = self.readings.len() as i64;
-        let between = (last - first).0 / (count - 1).max(1);
+        let (time, parts) = self.between()?;
+        let between = time.0 / parts;
         // A slope costs a division of long numbers. Most are so small that the clock moves by less
         // than a nanosecond.
         let unseen = u32::try_from((NANOS_PER_SECOND - 1) / between.max(1)).unwrap_or(u32::MAX);
@@ -134,7 +133,31 @@ impl ClockQuality {
                 (moved / i128::from(NANOS_PER_SECOND)) as i64
             }
         };
-        Some(self.worst() + Nanos(moved) + Nanos(2 * TICK) + self.delay_bar)
+        Some(self.bound_with(Nanos(moved)))
+    }
+
+    /// The bound if it is larger than `known`. Nearly always it is not if `known` is not small, and
+    /// that costs less to find.
+    pub fn larger_bound(&self, known: Nanos) -> Option<Nanos> {
+        let (time, parts) = self.between()?;
+        let room = known - self.bound_with(Nanos::ZERO);
+        if room.0 >= 0 && self.convergence.stays_within(room, time, parts as u64, self.worst) {
+            return None;
+        }
+        self.bound().filter(|bound| *bound > known)
+    }
+
+    /// The time from the first to the last reading, and the number of pauses in it, at least one.
+    #[inline]
+    fn between(&self) -> Option<(Nanos, i64)> {
+        let (first, last) = (self.readings.first()?.at, self.readings.last()?.at);
+        Some((last - first, (self.readings.len() as i64 - 1).max(1)))
+    }
+
+    /// The bound of a clock that moves this far between two readings.
+    #[inline]
+    fn bound_with(&self, moved: Nanos) -> Nanos {
+        self.worst() + moved + Nanos(2 * TICK) + self.delay_bar
     }
 
     /// Whether this alarm is raised; always false for alarms that are not of clocks.
@@ -211,7 +234,7 @@ impl ClockQuality {
         self.calm
             && size <= self.limit
             && !activation.is_some_and(|activation| activation.sync0_pending())
-            && self.convergence.is_flat(SETTLED_PPB, self.worst)
+            && self.convergence.is_settled(self.worst)
     }
 
     /// Finds the worst reading when one of this size has come. `was_worst`: the one that went was
@@ -227,8 +250,9 @@ impl ClockQuality {
             return;
         }
         let (mut worst, mut count) = (Nanos::ZERO, 0);
-        for reading in self.readings.newest() {
-            let size = reading.difference.abs();
+        for reading in self.readings.values() {
+            // It has 31 bits.
+            let size = Nanos(reading.difference.0.wrapping_abs());
             if size > worst {
                 (worst, count) = (size, 0);
             }
@@ -391,15 +415,17 @@ impl Clocks {
     /// Takes the answer of one of them; returns the alarms that come or end.
     #[inline]
     pub fn sample(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
-        if self.take(index, found) { Vec::new() } else { self.judge(index, found) }
+        match found {
+            Some(registers) if self.take(index, registers) => Vec::new(),
+            _ => self.judge(index, found),
+        }
     }
 
     /// Takes an answer without judging it; returns whether no alarm changes by it, as with nearly
     /// every one. If not, call [`Self::judge`].
     #[inline(always)]
-    pub fn take(&mut self, index: usize, found: Option<Registers>) -> bool {
-        let Some(clock) = self.all.get_mut(index) else { return true };
-        found.is_some_and(|registers| clock.take(&registers))
+    pub fn take(&mut self, index: usize, found: Registers) -> bool {
+        self.all.get_mut(index).is_none_or(|clock| clock.take(&found))
     }
 
     /// Judges an answer that was taken; returns the alarms that come or end.
@@ -416,7 +442,7 @@ fn frame_len(datagrams: usize) -> usize {
 
 impl Kept {
     fn is_as_large_as(&self, size: Nanos) -> bool {
-        self.difference == size || self.difference == -size
+        self.difference == size || self.difference.0.wrapping_add(size.0) == 0
     }
 
     fn reading(self) -> Reading {

@@ -51,8 +51,16 @@ impl Reads {
         self.slot.is_some_and(|slot| port.has_batch(slot))
     }
 
-    /// Gives the answers of reads that are back or lost to `tell`, by index among the clocks.
-    pub fn take(&mut self, port: &mut Port, mut tell: impl FnMut(usize, Option<Registers>)) {
+    /// Gives the answers of reads that are back or lost to `tell`, by index among the clocks, and
+    /// the clocks without an answer to `miss`; both get `context`.
+    #[inline(always)]
+    pub fn take<C>(
+        &mut self,
+        port: &mut Port,
+        context: &mut C,
+        mut tell: impl FnMut(&mut C, usize, Registers),
+        mut miss: impl FnMut(&mut C, usize),
+    ) {
         let Some(slot) = self.slot.take_if(|slot| port.has_batch(*slot)) else { return };
         let (sent, datagrams) = port.take_batch(slot);
         let mut rest = &datagrams[..];
@@ -65,12 +73,13 @@ impl Reads {
                 rest = more;
                 activation = answer(status).map(|[status]| ActivationStatus(status));
             }
-            let found = match (sent, answer(difference)) {
-                (Some(at), Some(bytes)) => Some(Registers { at, bytes, activation }),
-                _ => None,
-            };
-            // It is called in one place alone, so that it becomes a part of this loop.
-            tell(index, found);
+            // Each is called in one place alone, so that it becomes a part of this loop.
+            match (sent, answer(difference)) {
+                (Some(at), Some(bytes)) => {
+                    tell(context, index, Registers { at, bytes, activation })
+                }
+                _ => miss(context, index),
+            }
         }
         self.datagrams = datagrams;
     }
@@ -97,10 +106,11 @@ pub(crate) fn ask((_, station, has_status): Wanted, datagrams: &mut Vec<u8>) {
     datagrams.extend_from_slice(&both[..octets_of(has_status)]);
 }
 
-/// Makes a datagram that reads what it has room for.
+/// Makes a datagram that reads what it has room for. It says that another one follows.
 fn read(datagram: &mut [u8], station: StationAddress, ado: u16) {
     let len = datagram.len().saturating_sub(HEADER_LEN + WKC_LEN) as u16;
     let header = Header::new(Command::Fprd, 0, Address::Station(station, ado), len);
+    let header = Header { more: true, ..header };
     if let Some(place) = datagram.first_chunk_mut() {
         *place = header.emit();
     }

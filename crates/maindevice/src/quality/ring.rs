@@ -52,6 +52,12 @@ impl<T: Copy> Ring<T> {
         self.values.get(at).copied()
     }
 
+    /// The values in place, in no order.
+    #[inline]
+    pub fn values(&self) -> &[T] {
+        &self.values
+    }
+
     /// The values, newest first, in place.
     #[inline]
     pub fn newest(&self) -> impl Iterator<Item = &T> + '_ {

@@ -58,13 +58,21 @@ impl Round {
         datagrams: &mut Vec<u8>,
     ) {
         let room = octets.saturating_sub(frame::ETHERNET_HEADER_LEN + frame::ETHERCAT_HEADER_LEN);
-        let from = self.wanted.partition_point(|(index, ..)| *index < turn);
+        // Nearly always all clocks are in the round, so that each is at its index.
+        let from = match self.wanted.get(turn) {
+            Some((index, ..)) if *index == turn => turn,
+            _ => self.wanted.partition_point(|(index, ..)| *index < turn),
+        };
         for (first, end) in [(from, self.wanted.len()), (0, from)] {
             let start = first.checked_sub(1).map_or(0, |before| self.ends[before]);
             let left = room.saturating_sub(datagrams.len());
-            let fit = self.ends[first..end].partition_point(|end| end - start <= left);
+            let ends = &self.ends[first..end.min(first + (most - wanted.len()))];
+            let fit = match ends.last() {
+                Some(end) if end - start <= left => ends.len(),
+                _ => ends.partition_point(|end| end - start <= left),
+            };
             let least = usize::from(wanted.is_empty() && most > 0).min(end - first);
-            let count = fit.min(most - wanted.len()).max(least);
+            let count = fit.max(least);
             if count > 0 {
                 wanted.extend_from_slice(&self.wanted[first..first + count]);
                 datagrams.extend_from_slice(&self.datagrams[start..self.ends[first + count - 1]]);

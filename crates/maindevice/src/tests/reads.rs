@@ -32,14 +32,20 @@ fn run(bench: &mut Bench, reads: &mut Reads, wanted: &[(u16, bool)]) -> Vec<Opti
         true => Poll::Ready(()),
         false => Poll::Pending,
     }));
-    let mut found = Vec::new();
-    link.with(|shared| {
-        reads.take(&mut shared.port, |at, registers| {
-            assert_eq!(at, found.len());
-            found.push(registers);
-        });
-    });
+    let found = link.with(|shared| take(reads, &mut shared.port));
     assert!(!reads.are_under_way());
+    found
+}
+
+/// The answers, in the order of the clocks.
+fn take(reads: &mut Reads, port: &mut Port) -> Vec<Option<Registers>> {
+    let mut found = Vec::new();
+    let put = |found: &mut Vec<_>, at, registers| {
+        assert_eq!(at, found.len());
+        found.push(registers);
+    };
+    let tell = |found: &mut _, at, registers| put(found, at, Some(registers));
+    reads.take(port, &mut found, tell, |found, at| put(found, at, None));
     found
 }
 
@@ -65,8 +71,7 @@ fn answers_are_those_of_the_clocks() {
             behind.expect(1).await.unwrap();
         });
         assert_eq!(bench.frames[round..], [2 + 7]);
-        let mut found = Vec::new();
-        link.with(|shared| reads.take(&mut shared.port, |_, registers| found.push(registers)));
+        let found = link.with(|shared| take(&mut reads, &mut shared.port));
         let told = |registers: &Option<Registers>| {
             let registers = registers.as_ref()?;
             Some((registers.bytes[0], registers.activation.map(|activation| activation.0)))

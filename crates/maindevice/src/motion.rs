@@ -199,8 +199,12 @@ fn fill(outputs: &mut [u8], bytes: &[u8; 16]) {
             place.copy_from_slice(bytes);
         }
     }
-    for place in blocks.into_remainder().chunks_mut(bytes.len()) {
-        place.copy_from_slice(&bytes[..place.len()]);
+    let mut places = blocks.into_remainder().chunks_exact_mut(bytes.len());
+    for place in &mut places {
+        place.copy_from_slice(bytes);
+    }
+    for (place, byte) in places.into_remainder().iter_mut().zip(bytes) {
+        *place = *byte;
     }
 }
 

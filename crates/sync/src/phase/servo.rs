@@ -175,7 +175,8 @@ impl Servo {
     #[inline]
     pub fn dc_at(&self, host: Time<Host>) -> Time<Dc> {
         let (dc, fraction) = self.line.at(host);
-        dc + Nanos(round(fraction))
+        // It is what rounding left, so nearly always it rounds to zero.
+        if fraction.abs() < 0.5 { dc } else { dc + Nanos(round(fraction)) }
     }
 
     /// When to send so that the frame finds system time `dc` at the reference clock.

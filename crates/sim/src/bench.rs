@@ -226,17 +226,39 @@ impl Bench {
     /// Takes events at SubDevices, in their order; returns what was measured of the last one of
     /// each kind. As a rule several of one SubDevice follow each other.
     pub fn observe_all(&mut self, segment: &Segment, observations: &[Observation]) -> Measured {
+        self.observe_and(segment, observations, None)
+    }
+
+    /// The same; `tell` gets each event after it was judged, and what was measured of it.
+    pub fn observe_each(
+        &mut self,
+        segment: &Segment,
+        observations: &[Observation],
+        tell: &mut Tell<'_>,
+    ) {
+        self.observe_and(segment, observations, Some(tell));
+    }
+
+    fn observe_and(
+        &mut self,
+        segment: &Segment,
+        observations: &[Observation],
+        mut tell: Option<&mut Tell<'_>>,
+    ) -> Measured {
         let Self { intent, devices, outputs_valid, led, .. } = self;
         let Some(intent) = intent else {
             for observation in observations {
                 let subject = &segment.devices()[observation.device];
                 devices[observation.device].note_state(subject, observation);
+                if let Some(tell) = &mut tell {
+                    tell(observation, &Measured::default());
+                }
             }
             return Measured::default();
         };
         // The segment stays as it is during this call, so what is found in it is kept.
         let mut look = Look::new(segment, leader(*led, intent, segment));
-        judge_all(devices, outputs_valid, intent, &mut look, observations)
+        judge_all(devices, outputs_valid, intent, &mut look, observations, tell)
     }
 
     /// Takes all that a watcher has seen: regular events as they were noted briefly, and all others
@@ -259,7 +281,7 @@ impl Bench {
         for brief in briefs {
             if brief.before > taken {
                 let (before, rest) = left.split_at((brief.before - taken) as usize);
-                judge_all(devices, outputs_valid, intent, &mut look, before);
+                judge_all(devices, outputs_valid, intent, &mut look, before, None);
                 (taken, left) = (brief.before, rest);
             }
             let index = brief.device as usize;
@@ -269,18 +291,22 @@ impl Bench {
             }
             device.judge_brief(&mut look, brief, outputs_valid);
         }
-        judge_all(devices, outputs_valid, intent, &mut look, left);
+        judge_all(devices, outputs_valid, intent, &mut look, left, None);
     }
 }
 
+/// What gets an event after it was judged.
+pub type Tell<'a> = dyn FnMut(&Observation, &Measured) + 'a;
+
 /// Passes events to the judges of their SubDevices; returns what was measured of the last one of
-/// each kind.
+/// each kind, or `tell`s each.
 fn judge_all(
     devices: &mut [DeviceBench],
     outputs_valid: &mut OutputsValid,
     intent: &Intent,
     look: &mut Look<'_>,
     observations: &[Observation],
+    mut tell: Option<&mut Tell<'_>>,
 ) -> Measured {
     let mut measured = Measured::default();
     let mut left = observations;
@@ -297,6 +323,9 @@ fn judge_all(
         {
             left = more;
             device.judge(look, subject, observation, outputs_valid, &mut measured);
+            if let Some(tell) = &mut tell {
+                tell(observation, &std::mem::take(&mut measured));
+            }
         }
     }
     measured

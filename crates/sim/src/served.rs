@@ -279,13 +279,13 @@ impl Served {
     /// Shows the new events to the judges and to `see`, which also gets the judges' measurements.
     pub fn settle(&mut self, see: &mut impl FnMut(&Segment, &Observation, &Measured)) {
         let mut watcher = std::mem::replace(&mut self.watcher, Watcher::blind());
-        for observation in watcher.take() {
-            if observation.event == Observed::Sync0 {
-                self.look_for_clash(&observation);
-            }
-            let measured = self.bench.observe(&self.segment, &observation);
-            see(&self.segment, &observation, &measured);
-        }
+        let edges = watcher.seen().iter().filter(|it| it.event == Observed::Sync0);
+        edges.for_each(|edge| self.look_for_clash(edge));
+        let Self { bench, segment, .. } = self;
+        bench.observe_each(segment, watcher.seen(), &mut |observation, measured| {
+            see(segment, observation, measured);
+        });
+        watcher.clear();
         self.watcher = watcher;
     }
 

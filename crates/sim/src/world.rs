@@ -674,20 +674,21 @@ impl<A: Application, T: Tap> World<A, T> {
             self.watcher.clear();
             return;
         }
-        for observation in self.watcher.take() {
-            let measured = self.bench.observe(&self.segment, &observation);
-            let oscillator = self.segment.devices()[observation.device].oscillator();
+        let Self { bench, segment, watcher, .. } = self;
+        bench.observe_each(segment, watcher.seen(), &mut |observation, measured| {
+            let oscillator = segment.devices()[observation.device].oscillator();
             let at = oscillator.when(observation.device_at);
             if let Some(course) = course {
-                course.observe(observation.device, at, observation.event, &measured);
+                course.observe(observation.device, at, observation.event, measured);
             }
             if let Some(tap) = tap {
-                tap.observed(&self.segment, at, &observation);
-                if measured != Measured::default() {
-                    tap.measured(at, observation.device, &measured);
+                tap.observed(segment, at, observation);
+                if *measured != Measured::default() {
+                    tap.measured(at, observation.device, measured);
                 }
             }
-        }
+        });
+        watcher.clear();
     }
 }
 

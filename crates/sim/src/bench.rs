@@ -521,8 +521,8 @@ impl DeviceBench {
     }
 }
 
-/// Takes inputs that a frame fetched, which ended at a SubDevice at this time of its own oscillator.
-/// Those of unknown origin are not judged, nor those without a way back.
+/// Takes inputs that a frame fetched, which ended at a SubDevice at this time of its own
+/// oscillator. Those of unknown origin are not judged, nor those without a way back.
 #[inline(always)]
 fn take_fetched(
     judge: &mut InputsCycle,

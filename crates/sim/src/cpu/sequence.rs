@@ -62,8 +62,8 @@ impl Sequence {
         }
     };
 
-    /// Becomes the steps that `times` puts; it returns whether each of them ends before the next one
-    /// begins, and when the last one of these `count` steps ends.
+    /// Becomes the `count` steps that `times` puts; it returns whether each of them ends before the
+    /// next one begins, and when the last one ends.
     #[inline(always)]
     pub(super) fn take(&mut self, count: usize, times: impl FnOnce(&mut Self) -> (bool, Nanos)) {
         self.whole = true;
@@ -129,7 +129,7 @@ impl Sequence {
         noted
     }
 
-    /// Number of parts of a [`Plan`] that the first `count` steps are. A step during which another
+    /// Number of parts of a [`Plan`](super::Plan) that the first `count` steps are. A step during which another
     /// one comes is two parts.
     pub fn parts(&self, count: usize) -> usize {
         let done = &self.spans[..count];

@@ -103,8 +103,8 @@ impl InputsCycle {
         self.next = self.next.wrapping_add(1);
     }
 
-    /// Takes inputs that no earlier frame had fetched; `true_time` converts the time of a latch that
-    /// was not seen.
+    /// Takes inputs that no earlier frame had fetched; `true_time` converts the time of a latch
+    /// that was not seen.
     #[inline(always)]
     pub fn fetched(
         &mut self,
@@ -132,8 +132,8 @@ impl InputsCycle {
     /// The latch at this time.
     #[inline]
     fn find(&self, at: Time<Device>) -> Option<&Latch> {
-        // As a rule it is the last one. Of two at the same time, which follow each other, the search
-        // finds one.
+        // As a rule it is the last one. Of two at the same time, which follow each other, the
+        // search finds one.
         let [last, before] =
             [1, 2].map(|back| &self.latched[self.next.wrapping_sub(back) % UNDER_WAY]);
         if last.at == at && before.at != at {

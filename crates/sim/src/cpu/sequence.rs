@@ -129,8 +129,8 @@ impl Sequence {
         noted
     }
 
-    /// Number of parts of a [`Plan`](super::Plan) that the first `count` steps are. A step during which another
-    /// one comes is two parts.
+    /// Number of parts of a [`Plan`](super::Plan) that the first `count` steps are. A step during
+    /// which another one comes is two parts.
     pub fn parts(&self, count: usize) -> usize {
         let done = &self.spans[..count];
         let divided = |(place, span): &(usize, &Span)| {

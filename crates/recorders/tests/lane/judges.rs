@@ -1,6 +1,6 @@
 //! Judges get regular events briefly, cycle by cycle, where nobody else looks on; otherwise one
-//! after the other. Runs with faults follow the course of each SubDevice and thus see all events, so here
-//! such scenarios run without it.
+//! after the other. Runs with faults follow the course of each SubDevice and thus see all events,
+//! so here such scenarios run without it.
 
 use isocat_maindevice::{Event, Motion};
 use isocat_segment::{Scenario, SegmentFile};

@@ -317,12 +317,19 @@ fn judge_all(
             let all = left.iter().take_while(|it| it.device == index);
             all.for_each(|it| device.follow_samples(subject, it, sampling));
         }
-        device.bind(subject, intent, index);
+        let mut is_bound = false;
         while let [observation, more @ ..] = left
             && observation.device == index
         {
             left = more;
-            device.judge(look, subject, observation, outputs_valid, &mut measured);
+            // Who looks on sees others, too.
+            if is_judged(observation.event) {
+                if !is_bound {
+                    device.bind(subject, intent, index);
+                    is_bound = true;
+                }
+                device.judge(look, subject, observation, outputs_valid, &mut measured);
+            }
             if let Some(tell) = &mut tell {
                 tell(observation, &std::mem::take(&mut measured));
             }

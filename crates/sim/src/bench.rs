@@ -105,7 +105,7 @@ pub struct DeviceBench {
     is_timed: bool,
     /// Whether the points at which outputs should act are those of SYNC0.
     acts_on_sync0_grid: bool,
-    /// Whether SYNC0 is configured and the pulse of all process data, as at most SubDevices.
+    /// Whether SYNC0 is configured and is the pulse of all process data, as at most SubDevices.
     is_plain: bool,
     /// The events to which its process data are bound.
     binding: Binding,
@@ -322,7 +322,7 @@ fn judge_all(
             && observation.device == index
         {
             left = more;
-            // Who looks on sees others, too.
+            // A tap that observes gets events that no judge needs, too.
             if is_judged(observation.event) {
                 if !is_bound {
                     device.bind(subject, intent, index);

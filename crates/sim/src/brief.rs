@@ -31,7 +31,7 @@ pub(crate) struct Brief {
     pub mapped: Time<Device>,
     /// The pulse.
     pub pulse: Time<Device>,
-    /// When outputs became valid, and the frame of those that acted anew.
+    /// When outputs became valid, and the frame that brought them; zero if they are not new.
     pub valid: Time<Device>,
     pub acted: Time<True>,
     /// When inputs were latched.

@@ -144,7 +144,7 @@ impl Convergence {
         self.count < WINDOW || most < self.span() || self.is_settled_by_line()
     }
 
-    /// Whether the clock surely moves by no more than `room` by its slope within each of so many
+    /// Whether it is certain that the clock drifts by at most `room` during one of so many equal
     /// `parts` of `time`. No difference in the window is farther from zero than `worst`.
     pub fn stays_within(&self, room: Nanos, time: Nanos, parts: u64, worst: Nanos) -> bool {
         // See `is_flat` for the slope.

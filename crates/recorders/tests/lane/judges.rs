@@ -1,6 +1,6 @@
-//! Judges get regular events briefly, cycle by cycle, where nobody else looks on; otherwise one
-//! after the other. Runs with faults follow the course of each SubDevice and thus see all events,
-//! so here such scenarios run without it.
+//! Where nobody else looks on, judges get one record of each regular cycle; otherwise they get each
+//! event. Both must lead to the same judgement. A run with faults follows the course of each
+//! SubDevice, for which it needs all events, so here scenarios with faults run without a course.
 
 use isocat_maindevice::{Event, Motion};
 use isocat_segment::{Scenario, SegmentFile};

@@ -20,7 +20,7 @@ pub struct Cpu {
     /// A few actions: steps of two overlapping cycles. They are sorted by time from `done` on,
     /// soonest first; earlier entries are done.
     agenda: Vec<(Time<Device>, Action)>,
-    done: usize,
+    done: u32,
     /// When the first of them is due.
     due: Time<Device>,
     polling: bool,
@@ -64,14 +64,14 @@ impl Cpu {
     }
 
     fn note_due(&mut self) {
-        self.due = self.agenda.get(self.done).map_or(Time::NEVER, |(at, _)| *at);
+        self.due = self.agenda.get(self.done as usize).map_or(Time::NEVER, |(at, _)| *at);
     }
 
     /// Takes the next action.
     pub fn pop(&mut self) -> Option<(Time<Device>, Action)> {
-        let next = *self.agenda.get(self.done)?;
+        let next = *self.agenda.get(self.done as usize)?;
         self.done += 1;
-        if self.done == self.agenda.len() {
+        if self.done as usize == self.agenda.len() {
             self.agenda.clear();
             self.done = 0;
         }
@@ -240,7 +240,7 @@ impl Cpu {
     #[inline(always)]
     fn overrun(&self, jitter: &mut Stream) -> i64 {
         match self.bounds.overrun {
-            Some((one_in, by)) if jitter.up_to(one_in - 1) == 0 => by,
+            Some((one_in, by)) if jitter.up_to(u64::from(one_in.get()) - 1) == 0 => by,
             _ => 0,
         }
     }
@@ -249,13 +249,13 @@ impl Cpu {
     /// ends. Ends of earlier steps come before beginnings of later ones by the order of insertion.
     fn insert(&mut self, at: Time<Device>, action: Action) {
         if self.agenda.len() == self.agenda.capacity() {
-            self.agenda.drain(..self.done);
+            self.agenda.drain(..self.done as usize);
             self.done = 0;
         }
         // Most actions belong at the end, since steps are started in the order of their due times.
         self.agenda.push((at, action));
         let mut place = self.agenda.len() - 1;
-        while place > self.done && self.agenda[place - 1].0 > at {
+        while place > self.done as usize && self.agenda[place - 1].0 > at {
             self.agenda.swap(place - 1, place);
             place -= 1;
         }

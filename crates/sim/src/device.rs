@@ -599,7 +599,7 @@ impl Device {
         let pdi = &mut self.esc.pdi(at);
         let steps = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
         let pulse = self.stack.take_unacknowledged().then_some(event);
-        self.cpu.start(at, steps, pulse);
+        self.cpu.start(at, &steps, pulse);
         if samples {
             self.tell_samples(at, watch);
         }

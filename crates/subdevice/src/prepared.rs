@@ -41,7 +41,6 @@ pub(crate) struct Occasion {
 #[derive(Clone, Debug)]
 pub struct Prepared<T> {
     kept: [Kept<T>; EVENTS],
-    once: Steps,
 }
 
 #[derive(Clone, Debug)]
@@ -64,7 +63,7 @@ pub struct Place(u8);
 impl<T> Prepared<T> {
     /// Nothing is kept yet.
     pub const fn new() -> Self {
-        Self { kept: [const { Kept::NONE }; EVENTS], once: Steps::EMPTY }
+        Self { kept: [const { Kept::NONE }; EVENTS] }
     }
 
     /// The steps for an occasion, and their place. They are computed now if they are not kept or
@@ -95,15 +94,16 @@ impl<T> Prepared<T> {
         self.kept[usize::from(place.0)].made.as_ref()
     }
 
+    /// The steps at this place, and what the caller has made of them, to be changed.
+    #[inline]
+    pub fn made_mut(&mut self, place: Place) -> Option<(&Steps, &mut T)> {
+        let Kept { begins, made, .. } = &mut self.kept[usize::from(place.0)];
+        made.as_mut().map(|made| (&begins.steps, made))
+    }
+
     /// Keeps something that was made of these steps.
     pub fn keep_made(&mut self, place: Place, made: T) {
         self.kept[usize::from(place.0)].made = Some(made);
-    }
-
-    /// Keeps steps for this event only.
-    pub(crate) fn keep(&mut self, steps: Steps) -> &Steps {
-        self.once = steps;
-        &self.once
     }
 }
 

@@ -186,20 +186,19 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// As [`handle_event`](Self::handle_event), for a caller with enough memory: the steps of an
     /// event are kept in `prepared`, and reused as long as they do not change.
     #[inline]
-    pub fn handle_event_prepared<'p, T>(
+    pub fn handle_event_prepared<T>(
         &mut self,
         now: Time<Device>,
         event: Event,
         pdi: &mut impl Pdi,
-        prepared: &'p mut Prepared<T>,
-    ) -> &'p Steps {
+        prepared: &mut Prepared<T>,
+    ) -> Steps {
         if !self.description().behaviour.faults().is_empty() {
-            let steps = self.handle_event(now, event, pdi);
-            return prepared.keep(steps);
+            return self.handle_event(now, event, pdi);
         }
         match self.handle_event_in_place(now, event, pdi, prepared) {
-            Some(place) => prepared.steps(place),
-            None => &Steps::EMPTY,
+            Some(place) => *prepared.steps(place),
+            None => Steps::EMPTY,
         }
     }
 

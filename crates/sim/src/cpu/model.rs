@@ -1,5 +1,7 @@
 //! How long a CPU takes, and what these times are drawn from.
 
+use std::num::NonZeroU32;
+
 use isocat_wire::time::Nanos;
 
 use crate::random::Stream;
@@ -75,7 +77,7 @@ pub(super) struct Bounds {
     pub(super) timer_jitter: i64,
     pub(super) latency: i64,
     /// The number of cycles of which one takes longer, and by how much.
-    pub(super) overrun: Option<(u64, i64)>,
+    pub(super) overrun: Option<(NonZeroU32, i64)>,
 }
 
 impl Bounds {
@@ -93,7 +95,9 @@ impl Bounds {
             copy_inputs: duration(model.copy_inputs),
             timer_jitter: bound(timer_jitter),
             latency: bound(latency),
-            overrun: overrun.map(|Overrun { one_in, by }| (one_in.max(1).into(), bound(by))),
+            overrun: overrun.map(|Overrun { one_in, by }| {
+                (NonZeroU32::new(one_in).unwrap_or(NonZeroU32::MIN), bound(by))
+            }),
         }
     }
 }

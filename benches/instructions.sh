@@ -24,24 +24,18 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 printf 'cycle = "4ms"\n[[subdevice]]\ndevice = "kollmorgen_akd2g"\ncount = 100\n' >"$folder/hundred.toml"
 
-# The package that has the benchmark, whichever it is.
-serve_package() {
-  cargo metadata --no-deps --format-version 1 | python3 -c 'import json, sys
-for package in json.load(sys.stdin)["packages"]:
-    if any(target["kind"] == ["bench"] and target["name"] == "serve" for target in package["targets"]):
-        print(package["name"])'
-}
-
 measure() {
   cargo build --release --locked --quiet -p isocat --bins
-  local isocat=$release/isocat short long
+  local program isocat=$release/isocat short long
   short=$(instructions "$isocat" run --for 0200ms) # as long as the other, see `cycle`
   long=$(instructions "$isocat" run --for 1200ms)
   echo "run.bring_up_and_200_cycles $short"
   echo "run.one_cycle $(((long - short) / 1000))"
   echo "plan.100_devices $(instructions "$isocat" plan "$folder/hundred.toml" --json)"
 
-  cargo build --release --locked --quiet -p isocat-sim --example maindevice --example scale
+  # All at once, since what one package alone asks for is compiled again for the next one.
+  program=$(cargo build --release --locked --quiet -p isocat-sim -p isocat-serve --example maindevice --example scale \
+    --bench serve --message-format json | sed -n 's/.*"executable":"\([^"]*serve-[^"]*\)".*/\1/p')
   for count in 1 10 100; do
     echo "maindevice.${count}_devices $(cycle 100 1100 "$release/examples/maindevice" "$count")"
   done
@@ -49,10 +43,6 @@ measure() {
     echo "segment.${count}_devices $(cycle 2 $((count < 100 ? 102 : 12)) "$release/examples/scale" "$count")"
   done
 
-  local program
-  # With names, which callgrind needs. So the libraries are those of the release build; the profile for benchmarks compiles all again.
-  program=$(cargo rustc --release --locked --quiet -p "$(serve_package)" --bench serve --message-format json -- -C strip=none |
-    sed -n 's/.*"executable":"\([^"]*serve[^"]*\)".*/\1/p')
   for part in steady pause; do
     # As a test the benchmark goes through one cycle.
     callgrind=(--toggle-collect="*linux::$part*")

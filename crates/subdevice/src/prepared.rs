@@ -94,13 +94,6 @@ impl<T> Prepared<T> {
         self.kept[usize::from(place.0)].made.as_ref()
     }
 
-    /// The steps at this place, and what the caller has made of them, to be changed.
-    #[inline]
-    pub fn made_mut(&mut self, place: Place) -> Option<(&Steps, &mut T)> {
-        let Kept { begins, made, .. } = &mut self.kept[usize::from(place.0)];
-        made.as_mut().map(|made| (&begins.steps, made))
-    }
-
     /// Keeps something that was made of these steps.
     pub fn keep_made(&mut self, place: Place, made: T) {
         self.kept[usize::from(place.0)].made = Some(made);

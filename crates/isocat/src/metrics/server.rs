@@ -32,7 +32,7 @@ impl Page {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(status.clone());
     }
 
-    fn text(&self) -> Option<String> {
+    pub(super) fn text(&self) -> Option<String> {
         let status = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
         status.as_ref().map(super::text)
     }
@@ -48,6 +48,16 @@ impl Server {
     pub fn listen_with(
         address: SocketAddr,
         page: Page,
+        text: impl Fn(&Page) -> Option<String> + Send + Sync + 'static,
+    ) -> io::Result<Self> {
+        Self::listen_for(address, page, PATIENCE, text)
+    }
+
+    /// As [`Self::listen_with`], with another time limit than [`PATIENCE`] for a request.
+    pub(super) fn listen_for(
+        address: SocketAddr,
+        page: Page,
+        patience: Duration,
         text: impl Fn(&Page) -> Option<String> + Send + Sync + 'static,
     ) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
@@ -71,7 +81,7 @@ impl Server {
                 let (shown, text, served) = (shown.clone(), text.clone(), clients.clone());
                 let spawned = std::thread::Builder::new().name("scrape".into()).spawn(move || {
                     // An error of the client does not concern the server.
-                    let _ = attend(client, is_local, || text(&shown));
+                    let _ = attend(client, is_local, patience, || text(&shown));
                     served.fetch_sub(1, Ordering::Relaxed);
                 });
                 if spawned.is_err() {
@@ -99,9 +109,10 @@ const PAUSE: Duration = Duration::from_millis(100);
 fn attend(
     mut client: TcpStream,
     is_local: bool,
+    patience: Duration,
     text: impl Fn() -> Option<String>,
 ) -> io::Result<()> {
-    let until = Instant::now() + PATIENCE;
+    let until = Instant::now() + patience;
     let mut request = Vec::with_capacity(1024);
     let answer = loop {
         let left = until.saturating_duration_since(Instant::now());
@@ -126,8 +137,7 @@ fn attend(
             Some(answer) => break answer,
         }
     };
-    client.set_write_timeout(Some(PATIENCE))?;
-    send(&mut client, &answer.bytes(), until + PATIENCE)
+    send(&mut client, &answer.bytes(), until + patience)
 }
 
 fn is_timeout(error: &io::Error) -> bool {

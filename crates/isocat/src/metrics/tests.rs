@@ -1,7 +1,8 @@
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use isocat_descriptions::limits;
 use isocat_engine::status::{Error, Host, Kind, Margin};
 
 use super::*;
@@ -87,13 +88,21 @@ fn addresses() {
     }
 }
 
+/// Longer than any test: a client that waits for another one hangs for all to see, and on no
+/// machine a request is given up because it comes late.
+const FOR_EVER: Duration = Duration::from_secs(3_600);
+
 fn server() -> Server {
-    Server::listen("127.0.0.1:0".parse().expect("an address")).expect("a free port")
+    server_with(FOR_EVER)
+}
+
+fn server_with(patience: Duration) -> Server {
+    let address = "127.0.0.1:0".parse().expect("an address");
+    Server::listen_for(address, Page::default(), patience, |page| page.text()).expect("a free port")
 }
 
 fn ask(address: SocketAddr, request: &str) -> String {
     let mut client = TcpStream::connect(address).expect("it listens");
-    client.set_read_timeout(Some(Duration::from_secs(10))).expect("a time-out");
     client.write_all(request.as_bytes()).expect("it reads");
     let mut answer = String::new();
     // A server that has not read the whole request may reset the connection after its answer.
@@ -134,35 +143,49 @@ fn nonsense_is_answered_and_too_much_of_it_cut_off() {
     assert!(ask(server.address(), &long).starts_with("HTTP/1.1 431 "));
 }
 
-/// Some clients send nothing, and one sends a byte now and then. The next client is served
-/// nevertheless, and the slow ones are disconnected.
+/// Clients that send nothing may take an hour each. The next client is served nevertheless, and
+/// those beyond the limit are refused until one of the first is gone.
 #[test]
 fn slow_clients_hold_up_nobody() {
     let server = server();
     server.page().show(&status());
-    let silent: Vec<_> =
-        (0..5).map(|_| TcpStream::connect(server.address()).expect("it listens")).collect();
-    let began = Instant::now();
-    let answer = ask(server.address(), "GET /metrics HTTP/1.1\r\n\r\n");
-    assert!(answer.starts_with("HTTP/1.1 200 "), "{answer}");
-    assert!(began.elapsed() < Duration::from_millis(1_500), "{:?}", began.elapsed());
-    // There are more clients than the limit: the last ones are refused until the first are
-    // disconnected.
-    let many: Vec<_> =
-        (0..40).map(|_| TcpStream::connect(server.address()).expect("a queue")).collect();
-    let mut last = String::new();
-    while began.elapsed() < Duration::from_secs(20) && !last.starts_with("HTTP/1.1 200 ") {
-        std::thread::sleep(Duration::from_millis(200));
-        last = ask(server.address(), "GET /metrics HTTP/1.1\r\n\r\n");
+    let request = "GET /metrics HTTP/1.1\r\n\r\n";
+    let connect = || TcpStream::connect(server.address()).expect("it listens");
+    let served = || ask(server.address(), request).starts_with("HTTP/1.1 200 ");
+    // A client that is refused is disconnected; one with a place has all its time.
+    let waits = |client: &mut TcpStream| {
+        client.set_nonblocking(true).expect("a socket");
+        let read = client.read(&mut [0; 1]).map_err(|error| error.kind());
+        read == Err(std::io::ErrorKind::WouldBlock)
+    };
+    let mut silent: Vec<_> = (1..limits::HTTP_CLIENTS).map(|_| connect()).collect();
+    assert!(served(), "one place is left");
+    silent.push(loop {
+        // The place of the client before is free a moment after its answer. Clients are looked at
+        // in their order: behind the next one it is settled whether this one has the place.
+        let mut last = connect();
+        served();
+        if waits(&mut last) {
+            break last;
+        }
+    });
+    for _ in 0..limits::HTTP_CLIENTS {
+        assert_eq!(ask(server.address(), request), "", "there are more clients than the limit");
     }
-    assert!(last.starts_with("HTTP/1.1 200 "), "{last}");
-    for mut client in silent.into_iter().chain(many) {
-        client.set_read_timeout(Some(Duration::from_secs(10))).expect("a time-out");
-        let mut answer = Vec::new();
-        // They are answered or disconnected, but not kept: otherwise this would time out.
-        let ended = client.read_to_end(&mut answer);
-        let kept = ended.is_err_and(|e| matches!(e.kind(), std::io::ErrorKind::WouldBlock));
-        assert!(!kept, "a client that says nothing is kept");
+    drop(silent.swap_remove(0));
+    while !served() {}
+    assert!(silent.iter_mut().all(waits), "a client with time is kept");
+}
+
+/// A client that sends nothing, or too little, is disconnected when its time is over.
+#[test]
+fn a_client_that_says_nothing_is_left() {
+    let server = server_with(Duration::from_millis(1));
+    for sent in ["", "GET /metr"] {
+        // Its time may be over for the answer as well, and what was not read yet resets the
+        // connection.
+        let answer = ask(server.address(), sent);
+        assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 408 "), "{answer}");
     }
 }
 

@@ -39,7 +39,7 @@ check docs/devices.schema.json "$folder"/{box,rack}.json
 
 mkdir "$folder/keys"
 # Of all packages, as `cargo test` has compiled them: with `-p` their dependencies would be compiled again, with fewer features.
-ISOCAT_KEYS="$folder/keys" cargo test --quiet --test keys > "$folder/keys.log" || { cat "$folder/keys.log"; exit 1; }
+ISOCAT_KEYS="$folder/keys" cargo test --quiet --test files keys:: > "$folder/keys.log" || { cat "$folder/keys.log"; exit 1; }
 cat > "$folder/toml.py" <<'PYTHON'
 import json, pathlib, sys, tomllib
 from jsonschema import Draft7Validator

@@ -1,7 +1,7 @@
 //! The campaign on ourselves: random segments, random faults, and the verdict of a wire against
 //! true time.
 //!
-//! A few are always tried. `ISOCAT_SEEDS=3000 cargo test -p isocat-engine --test campaign --
+//! A few are always tried. `ISOCAT_SEEDS=3000 cargo test --test campaign --
 //! --nocapture` tries that many and prints the tables of docs/verdict.md; `ISOCAT_SEEDS_FROM` is
 //! the first one. With a single seed its segment file is printed, for `isocat run`.
 

@@ -12,15 +12,13 @@
 //! the processing delay if the frame passes the EPU there, otherwise the forwarding delay. The
 //! results are judged by the walk of the frame in true time.
 
-mod support;
-
+use crate::support::*;
 use PortNumber::*;
 use isocat_esc::Chip;
 use isocat_sim::segment::processing_order;
 use isocat_sim::{Cable, ClockModel, Connection, MainPort, Segment};
 use isocat_wire::PortNumber;
 use isocat_wire::time::{Picos, Time};
-use support::*;
 
 /// A segment, and its connections seen from one of its ends.
 struct Case {

@@ -1,12 +1,14 @@
 //! The servo against other laws, with fewer starts than in `docs/servo.md` but the same limits.
+//!
+//! `cargo run --release -p isocat-sim --example servo` prints the table of `docs/servo.md`.
 
-#[path = "../examples/servo/figures.rs"]
+#[path = "../../examples/servo/figures.rs"]
 mod figures;
-#[path = "../examples/servo/hosts.rs"]
+#[path = "../../examples/servo/hosts.rs"]
 mod hosts;
-#[path = "../examples/servo/laws.rs"]
+#[path = "../../examples/servo/laws.rs"]
 mod laws;
-#[path = "../examples/servo/race.rs"]
+#[path = "../../examples/servo/race.rs"]
 mod race;
 
 use figures::Summary;

@@ -7,8 +7,7 @@
 //! receive times is an equation; a delay can be known if its sum of cables is a combination of
 //! these.
 
-mod support;
-
+use crate::support::*;
 use PortNumber::*;
 use isocat_esc::Chip;
 use isocat_sim::{Cable, ClockModel, Connection, MainPort, Segment};
@@ -18,7 +17,6 @@ use isocat_sync::delay::{
 };
 use isocat_wire::PortNumber;
 use isocat_wire::time::{Picos, Time};
-use support::*;
 
 /// Chips that keep frames for different times; the last one has no receive times.
 static CHIPS: [Chip; 4] = [

@@ -10,7 +10,7 @@ use isocat_esc::{Chip, EscEvent, IP_CORE_32, LAN9252};
 use isocat_wire::dc::{ActivationStatus, AssignActivate, SyncActivation};
 use isocat_wire::register;
 
-use crate::pair::{EPOCH, Edge, Pair};
+use super::pair::{EPOCH, Edge, Pair};
 
 /// SYNC0 cycle, ns.
 const T0: u64 = 1_000_000;

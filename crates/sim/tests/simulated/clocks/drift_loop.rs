@@ -9,7 +9,7 @@ use std::fmt::Write;
 use isocat_esc::{DriftLaw, LAN9252};
 use isocat_wire::register;
 
-use crate::pair::Pair;
+use super::pair::Pair;
 
 /// The follower's local time at power-on, ns: an offset of 1 s.
 const OFFSET: u64 = 1_000_000_000;

@@ -1,7 +1,6 @@
 //! A served ring without sockets: a MainDevice with two ports, in virtual time.
 
-mod line;
-
+use crate::line::Line;
 use isocat_maindevice::{Config, Event, Ring};
 use isocat_segment::fault::Order;
 use isocat_segment::{Scenario, SegmentFile};
@@ -13,7 +12,6 @@ use isocat_wire::datagram::Address;
 use isocat_wire::frame::FrameWriter;
 use isocat_wire::time::{Nanos, Time};
 use isocat_wire::{Command, register};
-use line::Line;
 
 fn scenario(keys: &str) -> Scenario {
     let text = format!(

@@ -1,16 +1,12 @@
 //! Receive times of an ET1200, whose ports stamp the next frame: they are right if no frame is in
 //! flight behind it, and those of an earlier frame otherwise.
 
-#[path = "../benches/line/mod.rs"]
-mod line;
-mod support;
-
+use crate::support::{WIDE, arrival, count, latch, micros, receive_times, segment, send_from};
 use isocat_esc::{Chip, ET1200, LAN9252};
 use isocat_maindevice::{DelayWatch, Event};
 use isocat_sim::{MainPort, Segment};
 use isocat_wire::time::{Picos, Time};
 use isocat_wire::{Nanos, PortNumber};
-use support::{WIDE, arrival, count, latch, micros, receive_times, segment, send_from};
 
 /// An ET1200 with the ports of the other chips.
 static NEXT: Chip = Chip { name: "next", stamps_next_frame: true, ..WIDE };
@@ -22,7 +18,7 @@ const SPACING: u64 = 7;
 
 /// A line in which the first SubDevice stamps the next frame.
 fn one_of(chip: &'static Chip) -> Segment {
-    segment(&support::line(COUNT), |device| if device == 0 { chip } else { &WIDE })
+    segment(&crate::support::line(COUNT), |device| if device == 0 { chip } else { &WIDE })
 }
 
 /// Time from port 0 to port 1, ns.
@@ -110,7 +106,7 @@ fn a_frame_that_is_coming_back_already_does_no_harm() {
 /// content.
 #[test]
 fn a_port_waits_for_a_frame() {
-    let mut segment = segment(&support::line(3), |_| &NEXT);
+    let mut segment = segment(&crate::support::line(3), |_| &NEXT);
     segment.unplug(2, micros(1_000));
     count(&mut segment, micros(10_000)).expect("it comes back");
     latch(&mut segment, MainPort::Primary, micros(11_000));
@@ -133,12 +129,12 @@ fn a_port_waits_for_a_frame() {
 /// Latches of a MainDevice `every` so often during the cycle of a line whose first chip stamps the
 /// next frame: returns the number of latches, and the largest error of that chip's round trip, ns.
 fn latch_while_it_runs(chip: &'static Chip, every: Nanos) -> (u64, i64) {
-    let mut segment = line::connections(LINE);
+    let mut segment = crate::line::connections(LINE);
     // The remaining error is the chip's.
     segment.iter_mut().for_each(|connection| connection.hop_jitter = false);
     segment[0].device.chip = *chip;
     let watch = DelayWatch { every, latches: 16, rewrite: false };
-    let world = line::world_of(segment, |config| config.delay_watch = Some(watch));
+    let world = crate::line::world_of(segment, |config| config.delay_watch = Some(watch));
     let mut world = world.expect("the line comes up");
     let before = world.main().statistics();
     let (mut latches, mut worst) = (0, 0);

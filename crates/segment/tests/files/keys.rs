@@ -13,12 +13,10 @@ use isocat_segment::keys::{self, File, Place};
 use isocat_segment::profile::Profile;
 use isocat_segment::segment_file::SegmentFile;
 
-#[path = "keys/bases.rs"]
 mod bases;
-#[path = "keys/pages.rs"]
 mod pages;
 
-use bases::file;
+use self::bases::file;
 
 /// The content of a file, in a form that distinguishes any two contents.
 fn read(of: &File, text: &str) -> Result<String, FileError> {

@@ -1,8 +1,7 @@
 //! The expectations of a segment file for a served segment, judged in true time at the end of the
 //! service. The foreign MainDevice shuts down in order, falls silent, or restarts.
 
-mod line;
-
+use crate::line::Line;
 use isocat_maindevice::{Event, MainDevice};
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_serve::Setup;
@@ -10,7 +9,6 @@ use isocat_sim::Expectation::{self, *};
 use isocat_sim::expect::{Found, Judgement};
 use isocat_sim::fault::{Moment, When};
 use isocat_wire::time::{Nanos, Picos, Time};
-use line::Line;
 
 const SEGMENT: &str = "cycle = \"1ms\"\nrecovery = { first = \"20ms\", longest = \"100ms\" }\n\
     [[subdevice]]\ndevice = \"simple_io16\"\nname = \"io\"\n\

@@ -3,10 +3,7 @@
 use isocat_sim::Watcher;
 use isocat_wire::time::Picos;
 
-#[path = "../benches/line/mod.rs"]
-mod line;
-
-use line::Line;
+use crate::line::Line;
 
 /// Frames come a tick earlier in each cycle than in the one before, until they have come at each
 /// place of a cycle: their ends meet SYNC pulses, and beginnings and ends of all steps.
@@ -18,7 +15,7 @@ fn a_frame_may_end_when_a_step_does() {
         (line, Watcher::of_everything())
     });
     let tick = Picos(-10_000);
-    for number in 0..=line::cycle_of(1).0 / 10 {
+    for number in 0..=crate::line::cycle_of(1).0 / 10 {
         let [one, other] = both.each_mut().map(|(line, watcher)| {
             let bytes = line.moved_cycle(tick, watcher).to_vec();
             let seen: Vec<_> = watcher.take().collect();

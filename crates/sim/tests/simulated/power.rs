@@ -1,14 +1,12 @@
 //! SubDevices that are switched off and on during operation.
 
-mod support;
-
+use crate::support::*;
 use PortNumber::*;
 use isocat_sim::{Cable, ClockModel, Connection, Lost, Segment};
 use isocat_wire::PortNumber;
 use isocat_wire::register;
 use isocat_wire::time::{Device, Picos, Time, True};
 use isocat_wire::{AlState, AlStatus};
-use support::*;
 
 /// Time from a cut until the ESCs notice it, and from power-on until they have a link.
 const LOSS: Picos = Picos(15_000_000);

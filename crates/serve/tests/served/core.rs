@@ -1,17 +1,15 @@
 //! The core of the served segment without sockets: an external MainDevice in virtual time, and
 //! devices with applications of the test.
 
-mod line;
-
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use crate::line::Line;
 use isocat_maindevice::Event;
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_serve::Setup;
 use isocat_subdevice::Application;
 use isocat_wire::time::Nanos;
-use line::Line;
 
 fn scenario(count: usize) -> Scenario {
     let text =

@@ -1,13 +1,11 @@
 //! Outputs that act a whole cycle late are found with any MainDevice: by their content, without a
 //! plan and with no intent but the SYNC units.
 
-mod line;
-
+use crate::line::Line;
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_wire::frame;
 use isocat_wire::register;
 use isocat_wire::time::{Nanos, Picos, Time, True};
-use line::Line;
 
 /// SYNC1 comes 657 us behind the frame, and SYNC0 `sync1` before it.
 fn scenario(sync1: &str) -> Scenario {

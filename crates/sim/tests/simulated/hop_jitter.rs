@@ -1,12 +1,10 @@
 //! The jitter of hops: both ways of computing a frame give the same times, the jitter is within the
 //! bounds of the ports, and it can be switched off.
 
-#[path = "../benches/line/mod.rs"]
-mod line;
-#[path = "../examples/hop_jitter/spread.rs"]
+#[path = "../../examples/hop_jitter/spread.rs"]
 mod spread;
-mod support;
 
+use crate::support::*;
 use PortNumber::*;
 use isocat_esc::{Chip, ET1100, ET1200};
 use isocat_sim::{BitError, Cable, ClockModel, Connection, Direction, MainPort, Segment};
@@ -15,7 +13,6 @@ use isocat_wire::register;
 use isocat_wire::time::{Picos, Time};
 use isocat_wire::{Command, PortNumber, StationAddress};
 use spread::{Course, Spread, spread};
-use support::*;
 
 /// EBUS at every port.
 static EBUS: Chip = Chip { port_descriptor: 0xAA, dl_control: 0x0007_0001, ..ET1100 };

@@ -1,10 +1,8 @@
 //! SYNC0 pulses that make no edge are found, whichever MainDevice asked for them.
 
-mod line;
-
+use crate::line::Line;
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_wire::time::Nanos;
-use line::Line;
 
 fn kinds(acknowledge: &str) -> Vec<&'static str> {
     let text = format!(

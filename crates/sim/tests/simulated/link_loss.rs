@@ -1,7 +1,6 @@
 //! Cables pulled, plugged and disturbed during operation, and loops that are set over the wire.
 
-mod support;
-
+use crate::support::*;
 use PortNumber::*;
 use isocat_esc::Chip;
 use isocat_sim::segment::processing_order;
@@ -14,7 +13,6 @@ use isocat_wire::datagram::Address;
 use isocat_wire::dl::DlStatus;
 use isocat_wire::frame::duration_ns;
 use isocat_wire::time::{Picos, Time, True};
-use support::*;
 
 /// Time from a cable's cut until the ESCs notice it, and from plugging in until they have a link.
 const LOSS: Picos = Picos(15_000_000);

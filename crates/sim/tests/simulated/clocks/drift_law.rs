@@ -2,7 +2,7 @@
 
 use isocat_esc::{DriftLaw, ET1100};
 
-use crate::pair::Pair;
+use super::pair::Pair;
 
 /// A captured pair of ET1100. Returns 0x092C of the second one after its 101st FRMW, ns, and how
 /// much the local times drifted apart from the first latch to one 12.233 s later, ns, if the

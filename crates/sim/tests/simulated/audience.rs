@@ -13,9 +13,6 @@ use isocat_wire::register::{self, Value};
 use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
 use isocat_wire::{AutoIncrementAddress, Command, PortNumber, StationAddress};
 
-#[path = "../benches/line/mod.rs"]
-mod line;
-
 static DESCRIPTION: Description = Description {
     objects: &[],
     mailbox: None,
@@ -227,7 +224,7 @@ fn every_frame_comes_back_the_same() {
 #[test]
 fn a_line_of_65535_answers_a_broadcast_read() {
     for (count, counted) in [(65_535usize, 0xFFFFu16), (65_536, 0)] {
-        let mut segment = Segment::new(line::connections(count), 1);
+        let mut segment = Segment::new(crate::line::connections(count), 1);
         let mut buffer = [0; frame::MIN_LEN];
         let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);
         let address = Address::Broadcast(register::TYPE.address);
@@ -248,7 +245,7 @@ fn a_line_of_65535_answers_a_broadcast_read() {
 
 #[test]
 fn a_short_line_exchanges_data_of_one_age() {
-    let mut line = line::Line::new(7);
+    let mut line = crate::line::Line::new(7);
     for _ in 0..50 {
         line.cycle();
     }
@@ -257,6 +254,6 @@ fn a_short_line_exchanges_data_of_one_age() {
 
 #[test]
 fn a_main_device_runs_the_line() {
-    let mut world = line::world(100).expect("the line comes up");
-    assert_eq!(line::run_cycles(&mut world, 50), 0, "wrong working counters");
+    let mut world = crate::line::world(100).expect("the line comes up");
+    assert_eq!(crate::line::run_cycles(&mut world, 50), 0, "wrong working counters");
 }

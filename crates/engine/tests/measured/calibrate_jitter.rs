@@ -1,8 +1,8 @@
 //! Calibrations of virtual segments whose hops jitter: each law is found with its parameter, and
 //! the stated errors of the figures are the real ones.
 //!
-//! `ISOCAT_SEEDS=10 cargo test --release -p isocat-engine --test calibrate_jitter -- --nocapture`
-//! prints the rows of the table of `docs/calibrate.md`: ports, what was set, jitter; clocks told,
+//! `ISOCAT_SEEDS=10 cargo test --release --test measured calibrate_jitter:: -- --nocapture` prints
+//! the rows of the table of `docs/calibrate.md`: ports, what was set, jitter; clocks told,
 //! not told apart, told wrong; parameter, misfit, jitter, tDiff, each as means, and in brackets
 //! their deviation in units of their error (root mean square).
 

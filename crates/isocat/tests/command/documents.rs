@@ -4,15 +4,17 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Programs can't be supervised on this machine; `isocat virtual` then starts none.
 const NOT_SUPERVISED: &str = "can't be supervised here";
 
-fn root() -> PathBuf {
+pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().expect("the workspace")
 }
 
-fn text(path: &Path) -> String {
+pub fn text(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
@@ -112,13 +114,13 @@ fn the_readme_is_read_in_four_minutes() {
 }
 
 /// What stands in the blocks of the README that begin with this fence.
-fn blocks<'t>(readme: &'t str, fence: &str) -> Vec<&'t str> {
+pub fn blocks<'t>(readme: &'t str, fence: &str) -> Vec<&'t str> {
     let begins = readme.match_indices(fence).map(|(at, _)| &readme[at + fence.len()..]);
     begins.map(|rest| rest[..rest.find("\n```").expect("a block ends")].trim_start()).collect()
 }
 
 /// Runs a line as a shell does in which `isocat` has been installed.
-fn shell(line: &str, folder: &Path) -> Output {
+pub fn shell(line: &str, folder: &Path) -> Output {
     let binary = Path::new(env!("CARGO_BIN_EXE_isocat"));
     let found = std::env::var("PATH").unwrap_or_default();
     let path = format!("{}:{found}", binary.parent().expect("a folder").display());
@@ -223,33 +225,54 @@ fn each_line_of_the_documents_that_needs_no_wire_does_what_stands_beside_it() {
     fs::create_dir_all(&folder).expect("a temporary folder");
     furnish(&folder);
     std::os::unix::fs::symlink(root().join("docs"), folder.join("docs")).expect("a link");
-    let (mut ran, mut wrong) = (0, Vec::new());
-    for document in documents().iter().filter(|path| path.starts_with(root().join("docs"))) {
-        let content = text(document);
-        for block in blocks(&content, "```sh\n") {
-            // A table of rows is not written over another one, and `new` writes a segment of its
-            // own.
-            let _ = fs::remove_file(folder.join("out.csv"));
-            fs::copy(folder.join("machine.toml"), folder.join("my.toml")).expect("a file");
-            for line in block.lines().filter(|line| line.starts_with("isocat ")) {
-                if NEEDS_MORE.iter().any(|needed| line.contains(needed)) {
-                    continue;
+    let pages: Vec<_> =
+        documents().into_iter().filter(|path| path.starts_with(root().join("docs"))).collect();
+    // Each page has a copy of the folder, so that the processors share the pages.
+    let (next, ran, wrong) = (AtomicUsize::new(0), AtomicUsize::new(0), Mutex::new(Vec::new()));
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(2, usize::from) {
+            scope.spawn(|| {
+                while let Some(page) = pages.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let number = page.file_stem().expect("a name").to_string_lossy();
+                    let own = folder.with_extension(number.as_ref());
+                    let copied = Command::new("cp").arg("-r").args([&folder, &own]).status();
+                    assert!(copied.expect("cp starts").success());
+                    ran.fetch_add(lines_of(page, &own, &wrong), Ordering::Relaxed);
+                    fs::remove_dir_all(&own).expect("a temporary folder");
                 }
-                let line = shortened(line);
-                let output = shell(&line, &folder);
-                let errors = String::from_utf8_lossy(&output.stderr);
-                let code = output.status.code().unwrap_or(-1);
-                let searches = ["sweep", "--faults swarm"].iter().any(|verb| line.contains(verb));
-                // A search may find runs that fail, and says so by its exit code.
-                ran += 1;
-                if !(code == 0 || code == 1 && searches) {
-                    let shown = document.strip_prefix(root()).expect("in the project").display();
-                    wrong.push(format!("{shown}: {line}: exit code {code}\n{errors}"));
-                }
-            }
+            });
         }
-    }
+    });
+    let (ran, wrong) = (ran.into_inner(), wrong.into_inner().expect("no panic"));
     fs::remove_dir_all(&folder).expect("a temporary folder");
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(ran >= 40, "{ran} lines ran");
+}
+
+/// Runs the lines of a page in a folder; their number.
+fn lines_of(page: &Path, folder: &Path, wrong: &Mutex<Vec<String>>) -> usize {
+    let mut ran = 0;
+    for block in blocks(&text(page), "```sh\n") {
+        // A table of rows is not written over another one, and `new` writes a segment of its own.
+        let _ = fs::remove_file(folder.join("out.csv"));
+        fs::copy(folder.join("machine.toml"), folder.join("my.toml")).expect("a file");
+        for line in block.lines().filter(|line| line.starts_with("isocat ")) {
+            if NEEDS_MORE.iter().any(|needed| line.contains(needed)) {
+                continue;
+            }
+            let line = shortened(line);
+            let output = shell(&line, folder);
+            let errors = String::from_utf8_lossy(&output.stderr);
+            let code = output.status.code().unwrap_or(-1);
+            // A search may find runs that fail, and says so by its exit code.
+            let searches = ["sweep", "--faults swarm"].iter().any(|verb| line.contains(verb));
+            ran += 1;
+            if !(code == 0 || code == 1 && searches) {
+                let shown = page.strip_prefix(root()).expect("in the project").display();
+                let told = format!("{shown}: {line}: exit code {code}\n{errors}");
+                wrong.lock().expect("no panic").push(told);
+            }
+        }
+    }
+    ran
 }

@@ -1,4 +1,6 @@
 //! Findings have kinds: what looks at them goes by these, and sentences are for people alone.
+//!
+//! `UPDATE_FINDINGS=1` writes the tables of `docs/findings.md`.
 
 use std::path::Path;
 

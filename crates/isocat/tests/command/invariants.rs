@@ -54,6 +54,39 @@ fn no_clock_is_read_below_the_host() {
     }
 }
 
+/// Tests of `cargo test` that know the machine's clock, and why none of them is decided by it.
+const WITH_A_CLOCK: [(&str, &str); 8] = [
+    ("crates/host/src/clock.rs", "sleeping must not end early; how late it ends is not judged"),
+    ("crates/host/src/preflight.rs", "counts wake-ups: one at least, none early"),
+    ("crates/recorders/src/flight/tests.rs", "polls until a thread is done"),
+    ("crates/serve/src/control/tests.rs", "limits of an hour, or of a moment that passes anyway"),
+    ("crates/virtual/examples/subject.rs", "runs under supervision, where its clock is virtual"),
+    ("crates/isocat/tests/command/invariants.rs", "names the words"),
+    ("crates/isocat/tests/command/supervised.rs", "asks under supervision, where time is virtual"),
+    ("crates/isocat/tests/running/watch.rs", "polls until a thread has told its status"),
+];
+
+/// Whoever asks how long something took, or waits for a while, gets another answer on a slow, a
+/// fast or a stalled machine. Such tests are those of `tests/wire.sh`.
+#[test]
+fn no_test_asks_the_machine_how_late_it_is() {
+    let clocks = ["Instant::now", "SystemTime::now", ".elapsed()", "thread::sleep", "clock::now"];
+    let known = |path: &Path| WITH_A_CLOCK.iter().any(|(known, _)| path.ends_with(known));
+    let is_wire = |path: &Path| path.starts_with(root().join("crates/isocat/tests/wire"));
+    let tests = sources("crates").into_iter().filter_map(|(path, text)| {
+        let own = path.iter().any(|part| part == "tests" || part == "tests.rs");
+        // In a file with code, what stands behind the head of its tests.
+        let text = if own {
+            Some(text)
+        } else {
+            text.split_once("#[cfg(test)]\nmod tests {").map(|(_, t)| t.into())
+        };
+        text.map(|text| (path, text))
+    });
+    let tests: Vec<_> = tests.filter(|(path, _)| !known(path) && !is_wire(path)).collect();
+    nowhere(&tests, &clocks, "a test is decided by counts, or belongs to crates/isocat/tests/wire");
+}
+
 #[test]
 fn core_packages_are_no_std_and_free_of_unsafe() {
     for package in CORE {
@@ -255,8 +288,16 @@ fn dependencies(package: &str) -> impl Iterator<Item = String> {
 fn nothing_is_left_over() {
     // Spelled so that this file does not find itself.
     let words =
-        ["tod\u{6f}!(", "unimplemente\u{64}!(", "db\u{67}!(", "FIXM\u{45}", "#[ignor\u{65}"];
-    nowhere(&sources("crates"), &words, "no parked work");
+        ["tod\u{6f}!(", "unimplemente\u{64}!(", "db\u{67}!(", "FIXM\u{45}", "#[ignor\u{65}]"];
+    let all = sources("crates");
+    nowhere(&all, &words, "no parked work");
+    // A test that `cargo test` leaves out is run by another step, and says by which.
+    let left_out = all
+        .iter()
+        .flat_map(|(_, text)| text.lines())
+        .filter(|line| line.contains("#[ignor\u{65} "));
+    let unknown: Vec<_> = left_out.filter(|line| !line.contains("tests/wire.sh runs it")).collect();
+    assert_eq!(unknown, [""; 0], "no parked tests");
 }
 
 /// Packages that look at findings, states and plans: judges' documents, diagnoses and views.

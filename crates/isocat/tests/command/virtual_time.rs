@@ -7,36 +7,16 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-const ISOCAT: &str = env!("CARGO_BIN_EXE_isocat");
-
-/// A folder of a test's own, which goes with it.
-struct Folder(PathBuf);
+use crate::supervised::{Folder, ISOCAT, Told, cannot_be_supervised};
 
 impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("isocat-vt-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).expect("a temporary folder");
-        Self(path)
-    }
-
-    fn file(&self, name: &str) -> String {
-        self.0.join(name).display().to_string()
-    }
-
     /// A segment file of two drives.
     fn segment(&self, more: &str) -> String {
-        let path = self.file("segment.toml");
         let text = format!(
             "cycle = \"1ms\"\n{more}\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\n[[subdevice]]\ndevice = \"model_every_mode\"\nclock = \"+30ppm\"\n"
         );
-        std::fs::write(&path, text).expect("it can be written");
-        path
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
+        self.write("segment.toml", &text);
+        self.file("segment.toml")
     }
 }
 
@@ -49,14 +29,8 @@ fn isocat(arguments: &[&str]) -> Output {
 fn supervised(arguments: &[&str], segment: &str) -> Option<(Value, i32)> {
     let program = ["--", ISOCAT, "run", segment, "--interface", "vt0", "--for", "2s"];
     let output = isocat(&[&["virtual", segment, "--json"], arguments, &program].concat());
-    let errors = String::from_utf8_lossy(&output.stderr);
-    if errors.contains("can't be supervised here") {
-        println!("skipped: {errors}");
-        return None;
-    }
-    let text = String::from_utf8_lossy(&output.stdout);
-    let line = text.lines().last().unwrap_or_else(|| panic!("no summary: {errors}"));
-    Some((serde_json::from_str(line).expect("JSON"), output.status.code().expect("it ends")))
+    let told = Told::of(&output)?;
+    Some((told.summary, output.status.code().expect("it ends")))
 }
 
 #[test]
@@ -185,8 +159,7 @@ fn many_seeds_are_a_table_in_which_each_can_be_repeated() {
     ];
     let output = isocat(&[&flags[..], &program].concat());
     let errors = String::from_utf8_lossy(&output.stderr);
-    if errors.contains("can't be supervised here") {
-        println!("skipped: {errors}");
+    if cannot_be_supervised(&errors) {
         return;
     }
     let summary: Value = serde_json::from_slice(&output.stdout).expect(&errors);

@@ -5,14 +5,11 @@
 use std::process::{Command, Output};
 
 use isocat_host::RawSocket;
-use serde_json::Value;
 
-const ISOCAT: &str = env!("CARGO_BIN_EXE_isocat");
-/// Set in the program that `sends_garbage` starts: this test again, under supervision.
-const SUPERVISED: &str = "ISOCAT_TEST_IS_SUPERVISED";
+use crate::supervised::{Folder, ISOCAT, cannot_be_supervised, in_the_role, role};
 
 fn isocat(arguments: &[&str]) -> Output {
-    let output = Command::new(ISOCAT).arg("virtual").args(arguments).env(SUPERVISED, "1").output();
+    let output = Command::new(ISOCAT).arg("virtual").args(arguments).output();
     output.expect("the command runs")
 }
 
@@ -20,11 +17,7 @@ fn isocat(arguments: &[&str]) -> Output {
 /// here.
 fn told(output: &Output) -> Option<(String, Option<i32>)> {
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-    if errors.contains("can't be supervised here") {
-        println!("skipped: {errors}");
-        return None;
-    }
-    Some((errors, output.status.code()))
+    (!cannot_be_supervised(&errors)).then(|| (errors, output.status.code()))
 }
 
 #[test]
@@ -80,19 +73,17 @@ fn a_program_for_another_machine_is_refused() {
 
 #[test]
 fn garbage_on_the_wire_is_counted_and_harms_nothing() {
-    if std::env::var_os(SUPERVISED).is_some() {
+    if role().is_some() {
         return send_garbage();
     }
-    let test = std::env::current_exe().expect("a test has a binary");
-    let name = "virtual_time_unruly::garbage_on_the_wire_is_counted_and_harms_nothing";
-    let program = ["--json", "--", &test.display().to_string(), name, "--exact", "--quiet"];
-    let output = isocat(&program);
-    let Some((errors, code)) = told(&output) else { return };
-    assert_eq!(code, Some(3), "{errors}");
-    let text = String::from_utf8_lossy(&output.stdout);
-    let summary: Value = serde_json::from_str(text.lines().last().expect("a line")).expect("JSON");
-    assert_eq!(summary["program"]["code"], 0, "{errors}");
-    assert_eq!(summary["program"]["frames_sent"], 2_000, "{errors}");
+    let test = "virtual_time_unruly::garbage_on_the_wire_is_counted_and_harms_nothing";
+    let folder = Folder::new("garbage");
+    folder.write("built_in.toml", isocat::SegmentFile::built_in_text());
+    let program = in_the_role("sends-garbage", test);
+    let Some(told) = folder.supervised("built_in.toml", &["sh", "-c", &program]) else { return };
+    assert_eq!(told.exit, Some(3), "{}", told.errors);
+    assert_eq!(told.code(), Some(0), "{}", told.errors);
+    assert_eq!(told.summary["program"]["frames_sent"], 2_000, "{}", told.errors);
 }
 
 /// Frames of all lengths, of any content behind a head of EtherCAT's and without one.

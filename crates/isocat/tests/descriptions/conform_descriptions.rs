@@ -1,5 +1,8 @@
 //! The conformance suite on stand-ins made from makers' descriptions: published files, looked for
 //! beside the project. What `run` brings into sync must not fail by the suite's own set-up.
+//!
+//! `cargo test --test descriptions conform_descriptions:: -- --nocapture` prints each rule that
+//! does not hold, and where.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,7 @@
 //! Real descriptions, which belong to their makers and are not part of the project: they are looked
 //! for beside it. What is kept here are counts.
+//!
+//! `cargo test --test descriptions esi_files:: -- --nocapture` prints every device in every OpMode.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;

@@ -4,7 +4,6 @@
 use std::cell::RefCell;
 use std::path::Path;
 use std::rc::Rc;
-use std::time::{Duration, Instant};
 
 use isocat::plan::{Plan, PlanReport, proof, suggest};
 use isocat::report::NoteKind;
@@ -515,22 +514,11 @@ fn the_plan_in_words() {
     golden("start_up", &list.text());
 }
 
-/// A thousand devices in a tenth of a second; built without optimization it may take more.
+/// What it costs stands in benches/instructions.txt.
 #[test]
-fn a_thousand_devices_are_planned_in_no_time() {
+fn a_thousand_devices_are_planned() {
     let text = "cycle = \"4ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\ncount = 1000\n";
-    let scenario = scenario(text);
-    let limit = Duration::from_millis(500);
-    let mut spent = Duration::MAX;
-    // Others work on the machine, too.
-    for _ in 0..20 {
-        let begin = Instant::now();
-        let report = report(&scenario);
-        spent = spent.min(begin.elapsed());
-        assert_eq!(report.devices.len(), 1000);
-        if spent < limit {
-            break;
-        }
-    }
-    assert!(spent < limit, "{spent:?}");
+    let report = report(&scenario(text));
+    assert_eq!(report.devices.len(), 1000);
+    assert!(report.fits, "{}", report.text());
 }

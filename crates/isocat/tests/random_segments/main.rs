@@ -1,7 +1,7 @@
 //! Random segments of the built-in devices, in all their modes: what the plan says fits, runs in
 //! sync, and its proof holds.
 //!
-//! A few are always tried. `ISOCAT_SEGMENTS=1000 cargo test -p isocat --test random_segments --
+//! A few are always tried. `ISOCAT_SEGMENTS=1000 cargo test --test random_segments --
 //! --nocapture` tries as many as one likes, `ISOCAT_SEGMENTS_FROM` says with which number to begin.
 
 mod generator;

@@ -1,6 +1,8 @@
 //! `isocat replay`: captures of our own segments are exact, a changed byte is named, no file brings
 //! it down; captures of real segments, if they lie beside the project, give the table of
 //! `docs/replay.md`.
+//!
+//! `UPDATE_GOLDEN=1` writes the table of `docs/replay.md` and `docs/replay.schema.json`.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

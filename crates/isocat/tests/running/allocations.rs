@@ -3,10 +3,14 @@
 use std::cell::Cell;
 use std::rc::Rc;
 
+#[cfg(target_os = "linux")]
+use isocat::host::{Exchange, RawSocket, Waiting};
 use isocat::{NoTap, Scenario, SegmentFile};
 use isocat_maindevice::{Event, Motion};
 use isocat_sim::observation::Observation;
 use isocat_sim::{Segment, Tap, World};
+#[cfg(target_os = "linux")]
+use isocat_wire::time::Nanos;
 use isocat_wire::time::{Picos, Time, True};
 use isocat_wire::{Command, datagram, frame};
 
@@ -104,6 +108,49 @@ fn watching_quality_allocates_only_when_it_reads() {
     assert!(quiet > 1_600 && allocating > 10, "{quiet} quiet, {reading} reading, {allocating}");
     let snapshot = world.main().snapshot().expect("it is watched");
     assert_eq!((snapshot.moments().count(), snapshot.clocks[0].readings().count()), (16, 16));
+}
+
+/// Nor does the loop of a real interface: here over a packet socket, under supervision.
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+#[test]
+fn a_hundred_cycles_on_an_interface_allocate_nothing() {
+    use crate::supervised::{Line, again, writes_to};
+
+    let scenario = Scenario::from(SegmentFile::built_in());
+    let Some(path) = writes_to() else {
+        let mut line = Line::new(Segment::new(scenario.run().setup.segment, scenario.seed));
+        let test = "allocations::a_hundred_cycles_on_an_interface_allocate_nothing";
+        let Some(counted) = again(test, &mut line) else { return };
+        return assert_eq!(counted, "100 cycles, 0 allocations");
+    };
+    let socket = RawSocket::open("vt0", None).expect("the end of the segment");
+    let waiting = Waiting::Sleep { lead: Nanos::ZERO };
+    let mut exchange = Exchange::new(scenario.config(), socket, waiting, None, Motion::default());
+    let limit = exchange.now() + Nanos::millis(20_000);
+    while !matches!(exchange.poll_event(), Some(Event::InOperation { .. })) {
+        assert!(exchange.step(limit).expect("it is up") && exchange.now() < limit);
+    }
+    exchange.measure(true);
+    let cycles = |exchange: &mut Exchange<Motion>, count: u64| {
+        let begin = exchange.main().statistics().cycles;
+        while exchange.main().statistics().cycles < begin + count {
+            assert!(exchange.step(limit).expect("it is up") && exchange.now() < limit);
+            while exchange.poll_event().is_some() {}
+        }
+        exchange.main().statistics().cycles - begin
+    };
+    // Drives switch on, buffers find their size.
+    cycles(&mut exchange, 50);
+    let mut counted = 0;
+    let allocations = allocation_counter::measure(|| counted = cycles(&mut exchange, 100));
+    // The counter counts: one step outside the cyclic path allocates.
+    let outside = allocation_counter::measure(|| {
+        exchange.main_mut().upload(0, isocat_wire::ObjectAddress::new(0x1018, 1));
+        cycles(&mut exchange, 5);
+    });
+    assert!(outside.count_total > 0);
+    let counted = format!("{counted} cycles, {} allocations", allocations.count_total);
+    std::fs::write(path, counted).expect("the folder for temporary files is writable");
 }
 
 fn run_for<T: Tap>(world: &mut World<Motion, T>, milliseconds: i64) {

@@ -2,6 +2,7 @@
 
 mod acknowledge;
 mod allocations;
+mod application;
 mod bad_wire;
 mod changes;
 mod conformance;
@@ -23,7 +24,10 @@ mod ring;
 mod serve_traps;
 mod several_sync_managers;
 mod simple_devices;
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+mod supervised;
 mod topology;
+mod watch;
 mod way_back;
 mod which_cycle;
 mod windows;

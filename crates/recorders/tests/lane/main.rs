@@ -4,9 +4,8 @@
 //! call of a tap, and registers, memory and counters of all SubDevices during the run.
 //!
 //! Scenarios are random: modes, shifts, subordinated cycles, jitter, trees and rings, devices that
-//! come late, faults of all kinds. A few of them always run. `ISOCAT_SEGMENTS=2000 cargo test -p
-//! isocat-recorders --test lane -- --nocapture` runs more; `ISOCAT_SEGMENTS_FROM` sets the number
-//! of the first one.
+//! come late, faults of all kinds. A few of them always run. `ISOCAT_SEGMENTS=2000 cargo test
+//! --test lane -- --nocapture` runs more; `ISOCAT_SEGMENTS_FROM` sets the number of the first one.
 
 mod bulk;
 #[path = "../../../isocat/tests/random_segments/generator.rs"]

@@ -2,9 +2,9 @@
 //! given up, and is told which inputs are fresh. Held against the frames on the wire and what the
 //! devices count themselves.
 
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+mod interface;
 mod line;
-#[cfg(target_os = "linux")]
-mod wire;
 mod witness;
 
 use std::cell::{Cell, RefCell};
@@ -14,6 +14,7 @@ use isocat_maindevice::{Event, MainDevice, Ring};
 use isocat_sim::{BitError, Cable, Direction, HostModel, Segment, Setup, Tap, World};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{Command, PortNumber, datagram, frame, register};
+
 use line::IN_A_FRAME;
 use witness::Witness;
 

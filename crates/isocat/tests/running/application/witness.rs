@@ -1,5 +1,5 @@
-//! An application that holds what it is told against what the devices count. The same in virtual
-//! time and on a wire.
+//! An application that holds what it is told against what the devices count: the same in a
+//! simulation and on the loop of a real interface.
 //!
 //! Each device counts its SYNC0 pulses into its inputs, and the time at which the cycle's frame
 //! passed the reference clock says how many pulses there have been. So the inputs themselves say of

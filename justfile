@@ -8,6 +8,14 @@ run *arguments:
 test *arguments:
     cargo test --locked {{arguments}}
 
+# what needs root, network interfaces and the machine's clock: real wires
+wire *arguments:
+    tests/wire.sh {{arguments}}
+
+# the test command on slow, stalled, busy and poor machines; by default each once
+machines *arguments:
+    tests/machines.sh {{arguments}}
+
 # all that a change must pass, as the server does it
 ci:
     .ci/run

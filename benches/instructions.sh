@@ -32,6 +32,17 @@ measure() {
   echo "run.bring_up_and_200_cycles $short"
   echo "run.one_cycle $(((long - short) / 1000))"
   echo "plan.100_devices $(instructions "$isocat" plan "$folder/hundred.toml" --json)"
+  # Refused at its last line, so that all of it is read and nothing more is done.
+  for count in 4000 16000; do
+    awk -v count=$count 'BEGIN {
+      print "cycle = \"100ms\""
+      for (n = 0; n < count; n++) {
+        printf "[[subdevice]]\nname = \"d%d\"\ndevice = \"simple_io16\"\n", n
+        if (n) printf "connect = \"%s:1\"\n", n == count - 1 ? "nobody" : "d" (n - 1)
+      }
+    }' >"$folder/many.toml"
+    echo "file.${count}_tables $(instructions "$isocat" plan "$folder/many.toml")"
+  done
 
   # All at once, since what one package alone asks for is compiled again for the next one.
   program=$(cargo build --release --locked --quiet -p isocat-sim -p isocat-serve --example maindevice --example scale \

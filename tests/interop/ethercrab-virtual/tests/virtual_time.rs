@@ -1,5 +1,8 @@
 //! ethercrab as it comes from the registry, on isocat's segment, in virtual time: it comes to OP,
 //! is judged, and all of it repeats.
+//!
+//! `ISOCAT_SEEDS=20 cargo test --release -- --nocapture lateness_table` here prints the table of
+//! docs/testing-rust.md.
 #![cfg(not(feature = "std"))]
 
 use std::cell::{Cell, RefCell};

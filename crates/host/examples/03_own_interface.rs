@@ -31,7 +31,7 @@ impl Application for Copy {
 
 fn main() -> isocat_host::Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let interface = arguments.next().unwrap_or("eth0".to_owned());
+    let interface = arguments.next().expect("usage: 03_own_interface INTERFACE [CPU]");
     let mut host = Host::open(&interface)?;
     if let Some(cpu) = arguments.next().and_then(|cpu| cpu.parse().ok()) {
         host = host.pinned(cpu);

@@ -30,19 +30,28 @@ use crate::{
 /// An open interface, before any frame is sent.
 ///
 /// ```no_run
-/// use isocat_host::{Config, Cycle, Host, Nanos};
+/// use isocat_host::{Application, Config, Cycle, Host, Nanos};
 ///
-/// fn main() -> isocat_host::Result<()> {
-///     let copy = |cycle: &mut Cycle<'_>| {
+/// struct Copy;
+///
+/// impl Application for Copy {
+///     fn cycle(&mut self, cycle: &mut Cycle<'_>) {
 ///         for mut device in cycle.devices().filter(|device| device.is_fresh()) {
 ///             device.copy_inputs_to_outputs();
 ///         }
-///     };
-///     let mut host = Host::open("eth0")?.pinned(3).start(Config::new(Nanos::millis(1)), copy);
+///     }
+/// }
+///
+/// fn main() -> isocat_host::Result<()> {
+///     let interface = std::env::args().nth(1).expect("usage: my-machine INTERFACE");
+///     let mut host = Host::open(&interface)?.pinned(3).start(Config::new(Nanos::millis(1)), Copy);
 ///     let segment = host.until_operation()?;
 ///     println!("{} SubDevices in operation", segment.devices.len());
 ///     host.until_signal()?;
-///     host.stop().map(|_| ())
+///     for (position, status, code) in host.stop()?.fallen {
+///         eprintln!("SubDevice {position} was in {status}, {code}");
+///     }
+///     Ok(())
 /// }
 /// ```
 #[derive(Debug)]

@@ -1,4 +1,4 @@
-//! Cost of a cycle of the built-in segment: MainDevice, wire, four ESCs with stacks, judges.
+//! Cost of a cycle of the built-in segment: MainDevice, wire, five ESCs with stacks, judges.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use isocat::{Nanos, Scenario, SegmentFile, run};

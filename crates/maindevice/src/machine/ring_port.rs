@@ -78,6 +78,26 @@ impl MainDevice {
     /// `None` if there is nothing to send. Call this directly after each frame of
     /// [`Self::poll_transmit`] until it returns `None`: the frame is the copy of that frame.
     /// Without [`Config::ring`] it always returns `None`.
+    ///
+    /// ```
+    /// # use isocat_maindevice::config::Ring;
+    /// # use isocat_maindevice::{Config, FRAME_LEN, MainDevice, Port};
+    /// # use isocat_wire::time::{Host, Nanos, Time};
+    /// # let clock = || Time::<Host>::ZERO;
+    /// # let (send_primary, send_secondary) = (|_: &[u8]| {}, |_: &[u8]| {});
+    /// # let (mut buffer, frame) = ([0; FRAME_LEN], [0; 60]);
+    /// # let mut config = Config::new(Nanos::millis(1));
+    /// config.ring = Some(Ring::default());
+    /// // ...
+    /// # let mut main = MainDevice::new(config, clock());
+    /// while let Some(len) = main.poll_transmit(clock(), &mut buffer) {
+    ///     send_primary(&buffer[..len]);
+    ///     while let Some(len) = main.poll_secondary(&mut buffer) {
+    ///         send_secondary(&buffer[..len]);
+    ///     }
+    /// }
+    /// main.handle_frame_at(Port::Secondary, clock(), &frame);
+    /// ```
     pub fn poll_secondary(&mut self, buffer: &mut [u8]) -> Option<usize> {
         self.ring.as_mut()?.copies.transmit(buffer)
     }

@@ -92,13 +92,23 @@ fn addresses() {
 /// machine a request is given up because it comes late.
 const FOR_EVER: Duration = Duration::from_secs(3_600);
 
-fn server() -> Server {
+/// A server on the loopback; `None`, with a word, on a machine without one.
+fn server() -> Option<Server> {
     server_with(FOR_EVER)
 }
 
-fn server_with(patience: Duration) -> Server {
+fn server_with(patience: Duration) -> Option<Server> {
     let address = "127.0.0.1:0".parse().expect("an address");
-    Server::listen_for(address, Page::default(), patience, |page| page.text()).expect("a free port")
+    let server =
+        Server::listen_for(address, Page::default(), patience, |page| page.text()).expect("a port");
+    match TcpStream::connect(server.address()) {
+        Ok(_) => Some(server),
+        Err(error) if error.kind() == std::io::ErrorKind::NetworkUnreachable => {
+            println!("skipped: there is no loopback: {error}");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
 }
 
 fn ask(address: SocketAddr, request: &str) -> String {
@@ -112,7 +122,7 @@ fn ask(address: SocketAddr, request: &str) -> String {
 
 #[test]
 fn one_page_and_nothing_else() {
-    let server = server();
+    let Some(server) = server() else { return };
     let get = |path: &str| {
         ask(server.address(), &format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n"))
     };
@@ -136,7 +146,7 @@ fn one_page_and_nothing_else() {
 
 #[test]
 fn nonsense_is_answered_and_too_much_of_it_cut_off() {
-    let server = server();
+    let Some(server) = server() else { return };
     assert!(ask(server.address(), "\u{1}\u{2}\r\n\r\n").starts_with("HTTP/1.1 400 "));
     assert!(ask(server.address(), "GET /metrics\r\n\r\n").starts_with("HTTP/1.1 400 "));
     let long = format!("GET /metrics HTTP/1.1\r\nX: {}", "x".repeat(20_000));
@@ -147,7 +157,7 @@ fn nonsense_is_answered_and_too_much_of_it_cut_off() {
 /// those beyond the limit are refused until one of the first is gone.
 #[test]
 fn slow_clients_hold_up_nobody() {
-    let server = server();
+    let Some(server) = server() else { return };
     server.page().show(&status());
     let request = "GET /metrics HTTP/1.1\r\n\r\n";
     let connect = || TcpStream::connect(server.address()).expect("it listens");
@@ -159,7 +169,8 @@ fn slow_clients_hold_up_nobody() {
         read == Err(std::io::ErrorKind::WouldBlock)
     };
     let mut silent: Vec<_> = (1..limits::HTTP_CLIENTS).map(|_| connect()).collect();
-    assert!(served(), "one place is left");
+    // One place is left, as soon as the client that tried the loopback is gone.
+    while !served() {}
     silent.push(loop {
         // The place of the client before is free a moment after its answer. Clients are looked at
         // in their order: behind the next one it is settled whether this one has the place.
@@ -180,7 +191,7 @@ fn slow_clients_hold_up_nobody() {
 /// A client that sends nothing, or too little, is disconnected when its time is over.
 #[test]
 fn a_client_that_says_nothing_is_left() {
-    let server = server_with(Duration::from_millis(1));
+    let Some(server) = server_with(Duration::from_millis(1)) else { return };
     for sent in ["", "GET /metr"] {
         // Its time may be over for the answer as well, and what was not read yet resets the
         // connection.
@@ -191,7 +202,7 @@ fn a_client_that_says_nothing_is_left() {
 
 #[test]
 fn a_port_in_use_is_an_error() {
-    let first = server();
+    let Some(first) = server() else { return };
     let second = Server::listen(first.address());
     assert!(second.is_err_and(|error| error.kind() == std::io::ErrorKind::AddrInUse));
 }

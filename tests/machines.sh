@@ -108,18 +108,24 @@ without_ip() {
   done
   (IFS=:; echo "${kept[*]}")
 }
-# tarball: an archive of what is committed or about to be, unpacked in a folder with spaces, for the user nobody.
+# tarball: an archive of what is committed or about to be, unpacked in a folder with spaces, for the user nobody, without network.
 tarball() {
-  local tree="$folder/a folder with spaces/isocat" cargo=${CARGO_HOME:-$HOME/.cargo} rustup=${RUSTUP_HOME:-$HOME/.rustup}
-  mkdir -p "$tree" "$folder/home" "$folder/rustup" "$folder/cargo"
+  local tree="$folder/a folder with spaces/isocat"
+  mkdir -p "$tree" "$folder"/{toolchain,cargo,upper,work}
   git ls-files -z --cached --others --exclude-standard | xargs -0 ls -d 2>/dev/null | tar -c -T - | tar -x -C "$tree"
-  chown -R nobody "$folder/a folder with spaces"
-  # The user reaches neither root's toolchain nor its registry; in namespaces of its own it does.
+  chown -R nobody "$folder/a folder with spaces" "$folder/upper"
+  # This user reaches neither root's toolchain nor its registry; in a namespace of its own both are elsewhere.
+  # shellcheck disable=SC2016 # expanded there
   unshare --mount --net bash -euc '
-    mount --bind "$1" "$2/rustup"; mount -t overlay overlay -o "lowerdir=$3,upperdir=$4/upper,workdir=$4/work" "$2/cargo" 2>/dev/null || cp -r "$3/registry" "$2/cargo/"
-    chown nobody "$2/cargo"; cd "$5"; shift 5
-    exec setpriv --reuid=nobody --regid=nogroup --clear-groups env HOME=/proc RUSTUP_HOME="$0/rustup" CARGO_HOME="$0/cargo" PATH="$0/rustup/bin:$PATH" "$@"
-  ' "$folder" "$rustup" "$folder" "$cargo" "$folder" "$tree" "${test[@]}"
+    folder=$0
+    mount --bind "$1" "$folder/toolchain"
+    mount -t overlay overlay -o "lowerdir=$2,upperdir=$folder/upper,workdir=$folder/work" "$folder/cargo"
+    cd "$folder/a folder with spaces/isocat"
+    shift 2
+    exec setpriv --reuid=nobody --regid=nogroup --clear-groups \
+      env -u RUSTUP_HOME HOME=/proc CARGO_HOME="$folder/cargo" PATH="$folder/toolchain/bin:$PATH" "$@"
+  ' "$folder" "$(rustc --print sysroot)" "${CARGO_HOME:-$HOME/.cargo}" "${test[@]}"
+  rm -rf "$folder/a folder with spaces"
 }
 
 run() { # KIND NUMBER

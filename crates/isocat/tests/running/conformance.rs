@@ -1,9 +1,9 @@
 //! The conformance suite: devices that behave pass, and of devices that do not, exactly the rule
 //! that they break fails.
 
-use std::collections::BTreeSet;
-use std::sync::Mutex;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, OnceLock};
 
 use isocat::conform::report::{ConformanceReport, DeviceReport, Verdict};
 use isocat::conform::rules;
@@ -140,6 +140,19 @@ fn examine(name: &str, misbehave: &[&str]) -> DeviceReport {
     conform::examine(&mut wire, 0, name, &hints, |_| true, |_| ()).expect("no trouble of ours")
 }
 
+/// The reports of all built-in devices, which several tests look at: each is examined once.
+fn built_in() -> &'static BTreeMap<&'static str, DeviceReport> {
+    static REPORTS: OnceLock<BTreeMap<&str, DeviceReport>> = OnceLock::new();
+    REPORTS.get_or_init(|| {
+        let reports = Mutex::new(BTreeMap::new());
+        each(&profile::built_in_ids().collect::<Vec<_>>(), |id| {
+            let report = examine(id, &[]);
+            reports.lock().expect("no panic").insert(*id, report);
+        });
+        reports.into_inner().expect("no panic")
+    })
+}
+
 fn with_verdict(report: &DeviceReport, verdict: Verdict) -> BTreeSet<&'static str> {
     let rules = report.rules.iter().filter(|rule| rule.verdict == verdict);
     rules.map(|rule| rule.id).collect()
@@ -162,8 +175,8 @@ fn each<T: Sync>(items: &[T], job: impl Fn(&T) + Sync) {
 
 #[test]
 fn every_built_in_device_conforms() {
-    for id in profile::built_in_ids() {
-        let report = examine(id, &[]);
+    assert_eq!(built_in().len(), profile::built_in_ids().count());
+    for (id, report) in built_in() {
         let text = ConformanceReport::new(id, vec![report.clone()]).text();
         assert_eq!(report.failed, 0, "{text}");
         // Couplers have states and a clock, and nothing else to look at.
@@ -175,7 +188,7 @@ fn every_built_in_device_conforms() {
 /// Both ways: what is named must be there, and what is there must be named.
 #[test]
 fn a_known_deviation_is_told_apart_and_has_to_be_there() {
-    let known = |id| with_verdict(&examine(id, &[]), Verdict::KnownDeviation);
+    let known = |id| with_verdict(&built_in()[id], Verdict::KnownDeviation);
     assert_eq!(known("yaskawa_sgd7s-a0"), BTreeSet::from(["OBJ-04", "OBJ-11"]));
     assert_eq!(known("rtlabs_soes_xmc4_dynpdo"), BTreeSet::from(["OBJ-03", "OBJ-10"]));
     assert_eq!(known(STACK), BTreeSet::new());
@@ -209,8 +222,8 @@ fn a_deviation_names_a_rule_that_there_is() {
 #[test]
 fn every_rule_is_tried_on_some_built_in_device() {
     let mut tried = BTreeSet::new();
-    for id in profile::built_in_ids() {
-        tried.extend(with_verdict(&examine(id, &[]), Verdict::Pass));
+    for report in built_in().values() {
+        tried.extend(with_verdict(report, Verdict::Pass));
     }
     let all: BTreeSet<_> = rules::all().map(|rule| rule.id).collect();
     let left: Vec<_> = all.difference(&tried).collect();
@@ -251,7 +264,7 @@ fn who_breaks_a_rule_fails_this_rule_and_no_other() {
 
 #[test]
 fn faults_of_the_field_are_seen() {
-    for (misbehave, rule) in [
+    let faults = [
         (["dead-sync0"], "MODE-03"),
         (["frozen-counter 1C32:0B"], "CNT-01"),
         (["missed-copy 100"], "MODE-06"),
@@ -264,10 +277,11 @@ fn faults_of_the_field_are_seen() {
         (["missed-copy 7"], "MODE-06"),
         (["wrong-value 1C32:01 9"], "MODE-04"),
         (["late-application 5us"], "TIME-05"),
-    ] {
-        let failed = with_verdict(&examine(DRIVE, &misbehave), Verdict::Fail);
+    ];
+    each(&faults, |(misbehave, rule)| {
+        let failed = with_verdict(&examine(DRIVE, misbehave), Verdict::Fail);
         assert!(failed.contains(rule), "{misbehave:?}: {failed:?}");
-    }
+    });
 }
 
 #[test]

@@ -232,9 +232,12 @@ fn each_line_of_the_documents_that_needs_no_wire_does_what_stands_beside_it() {
     std::thread::scope(|scope| {
         for _ in 0..std::thread::available_parallelism().map_or(2, usize::from) {
             scope.spawn(|| {
-                while let Some(page) = pages.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let number = page.file_stem().expect("a name").to_string_lossy();
-                    let own = folder.with_extension(number.as_ref());
+                loop {
+                    // Pages in different folders may have one name, so that a number tells them
+                    // apart.
+                    let number = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(page) = pages.get(number) else { break };
+                    let own = folder.with_extension(number.to_string());
                     let copied = Command::new("cp").arg("-r").args([&folder, &own]).status();
                     assert!(copied.expect("cp starts").success());
                     ran.fetch_add(lines_of(page, &own, &wrong), Ordering::Relaxed);

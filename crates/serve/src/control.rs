@@ -99,12 +99,11 @@ fn check_folder(path: &Path) -> io::Result<()> {
     let folder = folder.unwrap_or(Path::new("."));
     // A link could lead to any place that its owner chooses.
     let found = std::fs::symlink_metadata(folder)?;
-    let owner = found.uid();
+    let (owner, me) = (found.uid(), rustix::process::geteuid().as_raw());
     let mode = found.mode();
     let shared = mode & 0o022 != 0 && mode & 0o1000 == 0;
-    if !found.is_dir() || !is_trusted(owner) || shared {
+    if !found.is_dir() || !is_trusted(owner, me) || shared {
         let folder = folder.display();
-        let me = rustix::process::geteuid().as_raw();
         return Err(io::Error::new(
             io::ErrorKind::PermissionDenied,
             format!(
@@ -117,14 +116,14 @@ fn check_folder(path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether this is the present user or root.
-fn is_trusted(user: u32) -> bool {
-    user == 0 || user == rustix::process::geteuid().as_raw()
+/// Whether this is the user `me` or root.
+fn is_trusted(user: u32, me: u32) -> bool {
+    user == 0 || user == me
 }
 
 /// Refuses the socket at `path` of the user `owner`, unless that is the user `me` or root.
 fn check_owner(path: &Path, owner: u32, me: u32) -> io::Result<()> {
-    if owner == 0 || owner == me {
+    if is_trusted(owner, me) {
         return Ok(());
     }
     Err(io::Error::new(

@@ -88,8 +88,8 @@ fn addresses() {
     }
 }
 
-/// Longer than any test: a client that waits for another one hangs for all to see, and on no
-/// machine a request is given up because it comes late.
+/// A patience that never ends within a test. A client that waits for another one makes its test
+/// hang, which is seen, and no machine is so slow that a request is given up.
 const FOR_EVER: Duration = Duration::from_secs(3_600);
 
 /// A server on the loopback; `None`, with a word, on a machine without one.

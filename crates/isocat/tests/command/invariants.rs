@@ -66,8 +66,8 @@ const WITH_A_CLOCK: [(&str, &str); 8] = [
     ("crates/isocat/tests/running/watch.rs", "polls until a thread has told its status"),
 ];
 
-/// Whoever asks how long something took, or waits for a while, gets another answer on a slow, a
-/// fast or a stalled machine. Such tests are those of `tests/wire.sh`.
+/// A test that measures a duration, or waits for one, has another result on a slow, a fast or a
+/// stalled machine. Such tests are run by `tests/wire.sh`.
 #[test]
 fn no_test_asks_the_machine_how_late_it_is() {
     let clocks = ["Instant::now", "SystemTime::now", ".elapsed()", "thread::sleep", "clock::now"];

@@ -14,8 +14,8 @@ fn remove(path: &Path) {
     let _ = std::fs::remove_dir_all(path.parent().expect("a folder"));
 }
 
-/// Longer than any test: whoever waits this long for a client that says nothing, or for a service
-/// that does not answer, hangs for all to see. No machine is so slow that a client is given up.
+/// Waits that never end within a test. A service that waits for a silent client makes its test
+/// hang, which is seen, and no machine is so slow that a client is given up.
 const FOR_EVER: Waits =
     Waits { client: Duration::from_secs(3_600), answer: Duration::from_secs(3_600) };
 
@@ -37,8 +37,8 @@ fn ask(path: &Path, request: &str) -> io::Result<String> {
     request_with(path, request, &AtomicBool::new(false), FOR_EVER)
 }
 
-/// Each silent client may take an hour, and there are more than the service keeps: a request is
-/// answered all the same, and the oldest clients are disconnected for it.
+/// Each silent client may take an hour, and there are more of them than the service keeps. A
+/// request is answered all the same, and the oldest clients are disconnected.
 #[test]
 fn clients_that_say_nothing_do_not_lock_a_request_out() {
     let path = socket("silent");
@@ -116,7 +116,7 @@ fn a_server_without_end_and_one_that_drips_are_left() {
     }
 }
 
-/// The service has an hour to answer: who does not look for `stop` waits for it.
+/// The service has an hour to answer, so that a client that ignores `stop` hangs.
 #[test]
 fn a_client_that_is_to_stop_stops() {
     let path = socket("stop");

@@ -39,7 +39,8 @@ fn a_group_with_a_longer_cycle() {
     agrees_with_the_wire("a_group_with_a_longer_cycle", 2, 4);
 }
 
-/// Runs so many frames a cycle, with so many devices that take part in one cycle of four.
+/// Runs a line of devices with this number of frames a cycle. The last `slow` devices take part in
+/// one cycle of four.
 fn agrees_with_the_wire(test: &str, frames: usize, slow: usize) {
     let devices = frames * IN_A_FRAME - 1;
     if let Some(path) = writes_to() {

@@ -16,6 +16,10 @@ wire *arguments:
 machines *arguments:
     tests/machines.sh {{arguments}}
 
+# tests with random inputs, with a seed that nobody has seen
+random *arguments:
+    tests/random.sh {{arguments}}
+
 # all that a change must pass, as the server does it
 ci:
     .ci/run

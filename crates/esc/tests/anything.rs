@@ -11,8 +11,6 @@ fn story() -> impl Strategy<Value = Vec<u8>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..Default::default() })]
-
     #[test]
     fn frames_of_any_form(bytes in story()) {
         checking::frames(&bytes);

@@ -12,8 +12,6 @@ fn story() -> impl Strategy<Value = Vec<u8>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(300) })]
-
     #[test]
     fn mailbox_messages_of_any_form(bytes in story()) {
         checking::mailbox(&bytes);

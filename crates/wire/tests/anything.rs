@@ -11,8 +11,6 @@ fn bytes() -> impl Strategy<Value = Vec<u8>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..Default::default() })]
-
     #[test]
     fn images_of_any_form(bytes in bytes()) {
         checking::sii(&bytes);

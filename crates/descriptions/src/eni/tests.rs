@@ -466,8 +466,6 @@ fn any_list() -> impl Strategy<Value = StartUp> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
-
     /// Any list is read back as it was written.
     #[test]
     fn any_list_is_read_back(list in any_list()) {

@@ -132,8 +132,6 @@ fn of_option<T: std::fmt::Debug + Clone>(
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..Default::default() })]
-
     /// The count never decreases, and never deviates by more than its model says.
     #[test]
     fn it_is_monotone_and_within_its_model(model in model(), at in 0..40 * SECOND, span in 0..SECOND) {

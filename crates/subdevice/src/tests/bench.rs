@@ -98,7 +98,9 @@ impl Pdi for FakeEsc {
         {
             return passing.push((start, data[0]));
         }
-        if (0..6).any(|n| self.sm(n).pdi_control & 1 != 0 && self.sm(n).start == address) {
+        // A closed SyncManager shields process memory, never a register that it is set to.
+        let closed = |n| self.sm(n).pdi_control & 1 != 0 && self.sm(n).start == address;
+        if address >= 0x1000 && (0..6).any(closed) {
             return;
         }
         self.memory[start..end].copy_from_slice(data);

@@ -396,8 +396,6 @@ fn any_op_mode() -> impl Strategy<Value = OpMode> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2_000))]
-
     /// Any file gives registers or a reason, and every warning has words.
     #[test]
     fn no_input_panics(

@@ -157,6 +157,10 @@ pub(crate) struct Cycle {
     pub by_clock: Rhythm,
     /// The last frame with a logical datagram that came back.
     pub last_answered: usize,
+    /// Since when none came back in operation, and the number of frames since.
+    pub silence: Option<(Known<Duration>, u64)>,
+    /// The last frame of that silence.
+    last_silent: usize,
     /// Indexes of the datagrams that began the last cycle and the one before it.
     indexes: [Option<u8>; 2],
 }
@@ -181,6 +185,11 @@ impl Cycle {
         let logical = &mut self.logical[place];
         if access.wkc().is_some() {
             self.last_answered = access.frame;
+            self.silence = None;
+        } else if operating && self.last_silent != access.frame {
+            self.last_silent = access.frame;
+            let since = Known { value: at, frame: access.frame };
+            self.silence.get_or_insert((since, 0)).1 += 1;
         }
         if operating {
             match access.wkc() {
@@ -240,6 +249,7 @@ impl Cycle {
 
     /// Operation begins: forgets the cycles and events before it.
     pub fn restart(&mut self) {
+        self.silence = None;
         self.rhythm = Rhythm::default();
         self.by_clock = Rhythm::default();
         self.marker = None;

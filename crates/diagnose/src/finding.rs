@@ -91,6 +91,8 @@ kinds! {
     AnotherTalker { first: [u8; 6], other: [u8; 6], frames: u64 } "another-talker" Fault;
     /// Frames passed fewer devices than before.
     DevicesVanished { from: u16, to: u16, silent: Vec<usize> } "devices-vanished" Fault;
+    /// Cyclic frames did not come back any more, to the end of the capture.
+    SilentToTheEnd { frames: u64, for_ns: u64 } "silent-to-the-end" Fault;
     /// A device that was in OP no longer answers.
     DeviceSilent {} "device-silent" Fault;
     /// SYNC0 runs, and no drift frames distribute the reference time.
@@ -129,6 +131,8 @@ kinds! {
     ErrorsCounted { address: u16, by: u64, operating: bool } "errors-counted" Fault;
     /// A device left OP without a request in the capture.
     LeftOp { to: AlStatus, code: Option<AlStatusCode> } "left-op" Fault;
+    /// A device was asked for OP and stayed below it, to the end of the capture.
+    StayedBelow { status: AlStatus } "stayed-below-op" Fault;
     /// A device refused a state, or went to an error state.
     AlError { asked: Option<AlState>, status: AlStatus, code: Option<AlStatusCode>, came_up: bool } "al-error" Fault;
     /// A working counter was lower than usual.

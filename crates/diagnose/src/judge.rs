@@ -1,9 +1,11 @@
 //! What went wrong in a segment, by what the observer kept. What the capture does not show is not
 //! judged.
 
+use std::time::Duration;
+
 use isocat_captures::pairing::{Seen, Tap};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
-use isocat_wire::al::AlState;
+use isocat_wire::al::{AlControl, AlState};
 use isocat_wire::{ObjectAddress, PortNumber, register};
 
 use crate::clock::Reference;
@@ -115,6 +117,23 @@ fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Find
         }
         was_op = in_op;
     }
+    stayed_below(place, device, observer, all);
+}
+
+/// A device that was asked for OP some time before the end, was looked at since, and never was
+/// there. One that shows an error is a finding already.
+fn stayed_below(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let states = &device.states;
+    let asks = |asked: AlControl| asked.state() == Ok(AlState::Op);
+    let Some(asked) = states.asked.filter(|asked| asks(asked.value)) else { return };
+    let first = states.requests.kept.iter().find(|request| asks(request.control));
+    let (Some(first), Some((status, seen))) = (first, states.last_seen()) else { return };
+    let waited = observer.last.saturating_sub(first.at);
+    if states.op.is_some() || status.error() || seen < asked.frame || waited < PATIENCE {
+        return;
+    }
+    let finding = Finding::new(Kind::StayedBelow { status }, Some(place), first.frame);
+    all.push(finding.at(first.at).with([seen]));
 }
 
 /// A device that answers has a link. If it has none at port 0, IN and OUT are swapped.
@@ -235,6 +254,9 @@ pub(crate) fn reference(observer: &Observer) -> Option<usize> {
     }
 }
 
+/// Time within which a device that was asked for OP must have been seen there: a program may look
+/// seldom.
+const PATIENCE: Duration = Duration::from_millis(500);
 /// How often the source of frames must change to a talker before it counts as talking at the same
 /// time as another.
 const LEAST_TURNS: u64 = 8;

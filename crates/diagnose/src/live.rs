@@ -177,8 +177,10 @@ fn symptom(kind: &Kind) -> Symptom {
         Kind::LeftOp { .. }
         | Kind::AlError { .. }
         | Kind::DevicesVanished { .. }
+        | Kind::StayedBelow { .. }
         | Kind::DeviceSilent {} => Symptom::State,
         Kind::FramesLost { .. }
+        | Kind::SilentToTheEnd { .. }
         | Kind::FramesDoubled { .. }
         | Kind::ErrorsCounted { .. }
         | Kind::AnotherTalker { .. } => Symptom::Frames,

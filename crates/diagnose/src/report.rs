@@ -61,7 +61,9 @@ pub(crate) fn report(
     };
     report.unknown = unknown::unknown(&report, tap.is_some_and(shows_answers));
     report.unknown.extend(left_out(observer));
-    report.verdict = report.judge();
+    let unseen = |place: &usize| observer.devices.list[*place].states.op.is_none();
+    let unseen: Vec<bool> = builder.order.iter().map(unseen).collect();
+    report.verdict = report.judge(&unseen);
     report
 }
 
@@ -96,11 +98,18 @@ impl DiagnoseReport {
         self.verdict.kind == VerdictKind::Found
     }
 
-    fn judge(&self) -> Verdict {
+    /// The verdict. `unseen`: by device, whether it was never read in OP.
+    fn judge(&self, unseen: &[bool]) -> Verdict {
         let faults: Vec<&FindingReport> =
             self.findings.iter().filter(|one| one.weight == WeightKind::Fault).collect();
         let measured: Vec<&Distance> =
             self.devices.iter().filter_map(|device| device.distance.as_ref()).collect();
+        // Without its state, frames at the right time prove nothing.
+        let below = self
+            .devices
+            .iter()
+            .zip(unseen)
+            .find(|(device, unseen)| device.distance.is_some() && **unseen);
         let frames = measured.iter().map(|distance| distance.frames).max().unwrap_or(0);
         let (kind, sentence) = match (faults.first(), frames) {
             (Some(first), _) => {
@@ -112,6 +121,13 @@ impl DiagnoseReport {
                 let sentence =
                     format!("First at {}: {}{more}.", self.frame(first.frame), first.what);
                 (VerdictKind::Found, sentence)
+            }
+            (None, 1..) if let Some((device, _)) = below => {
+                let sentence = format!(
+                    "No fault was found; whether devices were in sync is not known: {} was not read in OP.",
+                    device.title()
+                );
+                (VerdictKind::NothingFound, sentence)
             }
             (None, 1..) => {
                 let least = measured.iter().map(|distance| distance.shortest_ns.value).min();

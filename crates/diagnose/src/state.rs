@@ -120,6 +120,11 @@ impl States {
         self.requests = Log::new(MOST_EVENTS);
     }
 
+    /// The present status, and the last frame that showed it.
+    pub fn last_seen(&self) -> Option<(AlStatus, usize)> {
+        self.now
+    }
+
     /// The present status.
     pub fn now(&self) -> Option<AlStatus> {
         self.now.map(|(status, _)| status)

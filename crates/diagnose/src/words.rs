@@ -46,6 +46,13 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
             };
             format!("frames passed {}, before they passed {from}{silent}", subdevices(*to))
         }
+        Kind::SilentToTheEnd { frames, for_ns } => format!(
+            "nothing came back any more: {frames} cyclic frames in the last {} of the capture have no answer",
+            ns(*for_ns)
+        ),
+        Kind::StayedBelow { status } => {
+            format!("{subject} was asked for OP and stayed in {status}, to the end of the capture")
+        }
         Kind::DeviceSilent {} => format!("{subject} does not answer any more"),
         Kind::FramesLost { count } => match count {
             1 => "1 cyclic frame has no answer in the capture".to_owned(),
@@ -211,6 +218,14 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         Kind::WorkingCounter { .. } => &[
             "look at the devices that are named: their AL status, their power, the cable before them",
             "take inputs of a frame with a low working counter as old",
+        ],
+        Kind::SilentToTheEnd { .. } => &[
+            "look at the power of the first device, and at the cable between the MainDevice and it",
+            "look whether the capture's own interface has a link",
+        ],
+        Kind::StayedBelow { .. } => &[
+            "read 0x0134 (AL status code): a device that waits for SYNC0 or for outputs says so after some seconds",
+            "compare start time (0x0990), cycle (0x09A0) and shift of its SYNC0 with the cycle of the frames",
         ],
         Kind::DevicesVanished { .. } | Kind::DeviceSilent {} => &[
             "look at the power of the device that is named and at the cable before it",

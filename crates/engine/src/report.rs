@@ -46,7 +46,7 @@ use typed::KindDocument;
 use typed::StateRead;
 
 /// Version of the document; it changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-run-report/8";
+pub const FORMAT: &str = "isocat-run-report/9";
 
 /// JSON schema of the document, draft 2020-12.
 #[cfg(feature = "schema")]

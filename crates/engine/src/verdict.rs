@@ -28,7 +28,7 @@ mod witness;
 use isocat_maindevice::motion::{Axis, Drive};
 use isocat_maindevice::statistics::{Statistics, Summary};
 use isocat_maindevice::{Config, Event};
-use isocat_sim::{Finding, Judged, Place};
+use isocat_sim::{Finding, Judged, Kind, Place};
 use isocat_sync::phase;
 use isocat_wire::time::Nanos;
 
@@ -216,6 +216,13 @@ impl Engine {
         self.frames.end(main, cycles.saturating_sub(times), &mut verdict);
         self.clocks.end(at, main, readings, &mut verdict);
         self.counters.end(main, readings, self.frames.rooms(), &mut verdict);
+        let behind = last.frames_behind - self.first.frames_behind;
+        // With a clock the time of each frame is judged above.
+        let is_timed =
+            |finding: &Finding| matches!(finding.kind, Kind::Judged(Judged::FramesTooLate { .. }));
+        if behind > 0 && !verdict.findings.iter().any(is_timed) {
+            verdict.doubt(Place::SEGMENT, Gap::ReturnedLate { frames: behind });
+        }
         let errors = last.working_counter_errors - self.first.working_counter_errors;
         self.told.end(main, readings, errors, &mut verdict);
         if main.segment().reference.is_some() && main.phase() != Some(phase::State::Locked) {

@@ -660,6 +660,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.dc.sync.is_active()
     }
 
+    /// System time of the next pulse of SYNC0, which 0x0990 shows; `None` if none is to come. A
+    /// time that has passed comes again when the counter of the system time has gone round.
+    pub fn next_sync0(&self) -> Option<Time<Dc>> {
+        self.dc.sync.next_sync0()
+    }
+
     /// Applies the end of the frame in flight if it is over, in case the caller did not `step` to
     /// it.
     #[inline]

@@ -70,7 +70,7 @@ pub mod change;
 pub mod config;
 pub mod error;
 pub mod event;
-pub mod kind;
+pub use isocat_rules::{kind, kinds};
 pub mod motion;
 pub mod plan;
 pub mod segment;

@@ -15,6 +15,9 @@ pub struct Statistics {
     pub frames_lost: u64,
     /// Frames that came back after they had been given up.
     pub frames_late: u64,
+    /// Cyclic frames that came back when the next cycle had begun. The host may have held them up
+    /// before they left, so that outputs came a cycle late; or the wire after that.
+    pub frames_behind: u64,
     /// Frames of ours that came in unexpectedly for another reason: a second time, damaged so that
     /// they do not match what was sent, or so late that their index was in use again.
     pub frames_unexpected: u64,
@@ -58,8 +61,9 @@ pub struct Statistics {
     pub time_to_converged: Option<Nanos>,
     /// Host time from the first frame until all SubDevices were in OP; `None` before.
     pub time_to_operation: Option<Nanos>,
-    /// Phase at which frames of the cycle found the reference clock, less the planned phase;
-    /// counted while all SubDevices are to be in OP.
+    /// How much later than planned frames of the cycle found the reference clock, by the number of
+    /// each frame: one that is a cycle late is not in time for the next one. Counted while all
+    /// SubDevices are to be in OP.
     pub phase_error: Summary,
 }
 

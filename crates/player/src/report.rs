@@ -21,7 +21,7 @@ use crate::real::PlayedOnWire;
 use crate::virtual_segment::VirtualSegment;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-eni-run/2";
+pub const FORMAT: &str = "isocat-eni-run/3";
 
 /// JSON schema of the document, draft 2020-12.
 #[cfg(feature = "schema")]

@@ -14,6 +14,7 @@
 
 pub mod chip_file;
 mod chips;
+mod claims;
 pub mod fault;
 pub mod keys;
 pub mod new_file;

@@ -63,6 +63,9 @@ pub struct Scenario {
     pub clock_error: Option<Nanos>,
     /// Watchdog of the process data; `None`: the chips' default.
     pub watchdog: Option<Nanos>,
+    /// Whether whatever a MainDevice makes of the segment is meant: then there are no
+    /// [`claims`](Self::claims).
+    pub as_is: bool,
     /// Whether the delay of a hop varies from frame to frame: on the simulated wire, and in the
     /// MainDevice's plan.
     pub hop_jitter: bool,
@@ -110,6 +113,7 @@ impl From<SegmentFile> for Scenario {
             drift_law: file.drift_law,
             clock_error: None,
             watchdog: file.watchdog,
+            as_is: file.as_is,
             hop_jitter: file.hop_jitter,
             operation: file.operation,
             ring: file.ring,

@@ -122,6 +122,9 @@ pub struct SegmentFile {
     /// Watchdog of the process data, register 0x0420. Key `watchdog`; `None`: the chips' default,
     /// 100 ms.
     pub watchdog: Option<Nanos>,
+    /// Whether whatever a MainDevice makes of the segment is meant, so that the file makes no
+    /// claims. Key `as_is`.
+    pub as_is: bool,
     /// Whether the delay of a hop varies from frame to frame. Key `hop_jitter`.
     pub hop_jitter: bool,
     /// Activities of the MainDevice besides the exchange while the segment runs.
@@ -250,6 +253,7 @@ impl SegmentFile {
         let outputs_spread = root.get("outputs_spread")?;
         let shift = root.find("shift")?;
         let watchdog = root.find("watchdog")?;
+        let as_is = root.get("as_is")?;
         let hop_jitter = root.get("hop_jitter")?;
         let operation = operation::operation(&root)?;
         let host = host(&root.table_or_empty("host")?, cycle)?;
@@ -284,6 +288,7 @@ impl SegmentFile {
             outputs_spread,
             shift,
             watchdog,
+            as_is,
             hop_jitter,
             operation,
             ring,

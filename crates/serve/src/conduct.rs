@@ -1,12 +1,14 @@
 //! The conduct of a MainDevice as its frames alone show it: the order of its steps, the rhythm of
 //! its cycle, and the phase of its frames in the cycle.
 
+use isocat_rules::evidence::Slide;
 use isocat_sim::Statistics;
 use isocat_wire::datagram::{Header, Layout, Layouts, datagrams};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlState, Command, frame, register};
 
 use super::deed::Deed;
+use crate::trail::Trail;
 
 /// The times at which a step was taken, and how often.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -63,6 +65,8 @@ pub struct CycleConduct {
     first_phase: Option<i128>,
     /// Mean of the last few phases, relative to the first.
     recent_phase: i128,
+    /// The phases of all cycles, to see whether they slide.
+    trail: Trail,
     /// Instant of the last drift datagram.
     last_drift: Option<Time<True>>,
     /// Longest time without a drift datagram, counted from the first one in this exchange.
@@ -219,9 +223,9 @@ impl Conduct {
 }
 
 impl CycleConduct {
-    /// Notes that a cycle reached the reference clock at this system time, ps; `cycle` is its
-    /// length.
-    pub fn reached(&mut self, system_ps: i128, cycle: Nanos) {
+    /// Notes that a cycle that left at `at` reached the reference clock at this system time, ps;
+    /// `cycle` is its length.
+    pub fn reached(&mut self, at: Time<True>, system_ps: i128, cycle: Nanos) {
         let cycle = i128::from(cycle.0) * 1000;
         if cycle <= 0 {
             return;
@@ -235,6 +239,17 @@ impl CycleConduct {
         let unwrapped = offset + turns * cycle;
         self.recent_phase += (unwrapped - self.recent_phase) / 4;
         self.phase.push(unwrapped as i64);
+        self.trail.take(at, unwrapped as i64);
+    }
+
+    /// How frames move through the cycle of the reference clock; `None` if there are too few.
+    pub fn slide(&self) -> Option<Slide> {
+        self.trail.slide()
+    }
+
+    /// The longest time without a drift datagram between these instants.
+    pub fn longest_drift_gap(&self, began: Time<True>, ended: Time<True>) -> Picos {
+        self.drift_gap.max(ended - self.last_drift.map_or(began, |last| last.max(began)))
     }
 
     /// Restarts at the start of operation; only the marker of a cycle is kept.
@@ -253,6 +268,16 @@ impl CycleConduct {
         if let Some(last) = self.last_drift.replace(at) {
             self.drift_gap = self.drift_gap.max(at - last);
         }
+    }
+
+    /// Mean phase at which cycles leave, by the reference clock, ps.
+    pub fn mean_phase(&self) -> Option<i128> {
+        Some(self.first_phase? + self.phase.mean() as i128)
+    }
+
+    /// Instant of the last cycle.
+    pub fn last(&self) -> Option<Time<True>> {
+        self.last
     }
 
     /// Number of cycles since [`restart`](Self::restart), less the first.

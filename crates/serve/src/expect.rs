@@ -176,8 +176,9 @@ fn unmet(expectation: Expectation, found: Found) -> Judgement {
 fn findings<'a>(sessions: impl Iterator<Item = &'a Session>) -> Vec<Finding> {
     let stretches = sessions.flat_map(|session| session.earlier.iter().chain(&session.judged));
     let of_stretch = |judged: &'a Judged| {
-        let findings = judged.devices.iter().flat_map(|device| &device.findings);
-        findings.map(|finding| (finding.since.map(|since| judged.began + since.into()), finding))
+        judged
+            .all_findings()
+            .map(|finding| (finding.since.map(|since| judged.began + since.into()), finding))
     };
     let mut all: Vec<_> = stretches.flat_map(of_stretch).collect();
     all.sort_by_cached_key(|(at, _)| at.unwrap_or(Time::NEVER).count());

@@ -3,7 +3,8 @@
 //! The way of the data: [`service`] takes frames from a raw socket, with the kernel's stamp of
 //! their arrival, and hands them to the [`server`]; the answer is sent before anything else is
 //! done. Then [`conduct`] records what the MainDevice did ([`deed`] names its steps), the
-//! simulation's judges check the SubDevices, and [`verdict`] collects their results. An [`Order`]
+//! simulation's judges check the SubDevices, and [`verdict`] collects their results, with what the
+//! rules find when they hold the segment (`evidence`) against the claims of its file. An [`Order`]
 //! is a fault for the segment, which [`control`] accepts meanwhile. `expect` compares the segment
 //! file's expectations with all of it, and [`summary`] reports it at the end.
 //!
@@ -20,6 +21,7 @@ pub mod conduct;
 #[cfg(target_os = "linux")]
 pub mod control;
 pub mod deed;
+mod evidence;
 mod expect;
 mod process_data;
 pub mod server;
@@ -30,6 +32,7 @@ pub mod status;
 pub mod summary;
 mod taps;
 mod text;
+mod trail;
 pub mod verdict;
 
 pub use bus::Bus;

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 
 use isocat_engine::status::edges::Onlooker;
 use isocat_engine::status::{Event as Told, Status};
+use isocat_rules::{Breached, Claims};
 use isocat_segment::fault::Order;
 use isocat_segment::scenario;
 use isocat_sim::expect::Judgement;
@@ -17,10 +18,11 @@ use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
 use super::conduct::{Conduct, Reference, Seen};
 use super::deed::Deed;
+use super::evidence;
 use super::expect::Watch;
 use super::process_data::Handle;
 use super::setup::Setup;
-use super::verdict::Judged;
+use super::verdict::{Case, Judged};
 use crate::status::{self, INTERVAL, INTERVALS, MOST_EVENTS};
 use crate::taps;
 
@@ -41,6 +43,8 @@ pub struct Server {
     names: Vec<String>,
     sync0_limit: Picos,
     outputs_spread: Picos,
+    /// What the segment is meant to do.
+    claims: Claims,
     events: VecDeque<Event>,
     ended: Vec<Session>,
     /// Number of sessions and faults that were dropped.
@@ -131,6 +135,8 @@ pub struct Session {
     pub earlier: Vec<Judged>,
     /// Number of further stretches, which are only counted.
     pub earlier_left_out: u64,
+    /// How things stood when the MainDevice gave up, if nothing ever came to operation.
+    pub attempt: Option<Attempt>,
     /// The end of the session.
     pub end: End,
     /// The judges are at work.
@@ -143,6 +149,15 @@ pub struct Session {
     /// continues.
     paused: Option<AlState>,
     pending: bool,
+}
+
+/// How things stood when a MainDevice gave up before anything was in operation.
+#[derive(Clone, Debug)]
+pub struct Attempt {
+    /// State of each SubDevice.
+    pub states: Vec<AlState>,
+    /// What was otherwise than it was meant.
+    pub breached: Vec<Breached>,
 }
 
 /// The SubDevices that reached a state.
@@ -243,7 +258,8 @@ impl Server {
     pub fn new(setup: impl Into<Setup>, now: Time<Host>) -> Self {
         let setup: Setup = setup.into();
         let Setup { sync0_limit, outputs_spread, shows_process_data, has_host, .. } = setup;
-        let Setup { mut segment, ring, names, seed, faults, spares, expectations, .. } = setup;
+        let Setup { mut segment, ring, names, seed, faults, spares, expectations, claims, .. } =
+            setup;
         let (of_the_host, planned): (Vec<_>, Vec<_>) =
             faults.into_iter().partition(|planned| is_left_out(&planned.fault, has_host));
         let timeline = Timeline::new(planned, seed).with_spares(spares);
@@ -271,6 +287,7 @@ impl Server {
             names,
             sync0_limit,
             outputs_spread,
+            claims,
             events: VecDeque::new(),
             ended: Vec::new(),
             left_out: LeftOut::default(),
@@ -617,7 +634,9 @@ impl Server {
         let session = self.session.as_ref()?;
         let judged = session.judged.as_ref()?;
         Some(if session.judging && !session.silent {
-            judged.until(&self.served, self.served.now())
+            let case =
+                Case { served: &self.served, conduct: &session.conduct, claims: &self.claims };
+            judged.until(case, self.served.now())
         } else {
             judged.clone()
         })
@@ -705,7 +724,11 @@ impl Server {
         if let Some(state) = seen.request {
             let before = std::mem::replace(&mut session.requested, state);
             self.watch.asked(at, (before, state), &self.states);
+            if matches!(before, AlState::SafeOp | AlState::Op) && (state as u8) < before as u8 {
+                self.keep_attempt(reference);
+            }
         }
+        let Some(session) = &mut self.session else { return };
         let leaves = seen.request.is_some_and(|state| state != AlState::Op);
         if leaves && session.judging {
             self.keep_judged();
@@ -716,8 +739,9 @@ impl Server {
             return;
         }
         if seen.cycle && session.judging {
-            let cycle = cycle_of(&self.served, &session.conduct);
-            session.conduct.cycle.reached(self.served.system_time_ps(reference, at), cycle);
+            let cycle = cycle_of(&self.served, &self.claims, &session.conduct);
+            let reached = self.served.system_time_ps(reference, at);
+            session.conduct.cycle.reached(at, reached, cycle);
         }
         if !std::mem::take(&mut session.pending) {
             return;
@@ -736,7 +760,7 @@ impl Server {
             .as_ref()
             .is_none_or(|judged| !session.judging || judged.devices_in_op < there);
         if there > 0 && there == wanted && !fallen && more {
-            let cycle = cycle_of(&self.served, &session.conduct);
+            let cycle = cycle_of(&self.served, &self.claims, &session.conduct);
             session.conduct.cycle.restart();
             let limits = (self.sync0_limit, self.outputs_spread);
             self.served.begin_judging(reference, cycle, limits);
@@ -777,11 +801,27 @@ impl Server {
         let Some(session) = &mut self.session else { return };
         session.silent = true;
         if let Some(judged) = &mut session.judged {
-            *judged = judged.until(&self.served, last);
+            let case =
+                Case { served: &self.served, conduct: &session.conduct, claims: &self.claims };
+            *judged = judged.until(case, last);
         }
     }
 
+    /// Keeps what the MainDevice had set up before it went down, if nothing came to operation.
+    fn keep_attempt(&mut self, reference: usize) {
+        let Some(session) = self.session.as_mut().filter(|session| session.judged.is_none()) else {
+            return;
+        };
+        let evidence = evidence::of_attempt(&self.served, &session.conduct, reference);
+        let breached = isocat_rules::judge(&self.claims, &evidence).breached;
+        session.attempt = Some(Attempt { states: self.states.clone(), breached });
+    }
+
     fn end_session(&mut self) {
+        let abrupt = |session: &Session| matches!(session.requested, AlState::SafeOp | AlState::Op);
+        if self.session.as_ref().is_some_and(abrupt) {
+            self.keep_attempt(self.reference());
+        }
         if let Some(session) = self.session.as_ref().filter(|s| s.judging && !s.silent) {
             self.watch.is_silent(session.conduct.last);
             self.keep_judged();
@@ -838,6 +878,7 @@ impl Session {
             judged: None,
             earlier: Vec::new(),
             earlier_left_out: 0,
+            attempt: None,
             end: End::Open,
             judging: false,
             silent: false,
@@ -891,12 +932,15 @@ fn is_left_out(fault: &Fault, has_host: bool) -> bool {
     fault.is_of_the_host() && !(has_host && by_caller)
 }
 
-/// The cycle of the segment: that of the SYNC units, or else that of the frames so far.
-fn cycle_of(served: &Served, conduct: &Conduct) -> Nanos {
+/// The cycle of the segment: that of the SYNC units, else the one that was meant, else that of the
+/// frames so far.
+fn cycle_of(served: &Served, claims: &Claims, conduct: &Conduct) -> Nanos {
     let cycles = served.segment().devices().iter().filter(|device| device.esc.sync_active());
     let cycle = cycles.map(|device| device.esc.register(register::SYNC0_CYCLE)).max().unwrap_or(0);
     match cycle {
-        0 => Nanos((conduct.cycle.intervals.mean() / 1000.0) as i64),
+        0 => {
+            claims.cycle.unwrap_or_else(|| Nanos((conduct.cycle.intervals.mean() / 1000.0) as i64))
+        }
         cycle => Nanos::from_u32(cycle),
     }
 }

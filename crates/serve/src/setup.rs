@@ -1,5 +1,6 @@
 //! The setup of a service: the devices, the seed, and the judges' limits.
 
+use isocat_rules::Claims;
 use isocat_segment::Scenario;
 use isocat_sim::{Closing, Connection, DeviceSetup, Expectation, Planned};
 use isocat_subdevice::Application;
@@ -34,6 +35,9 @@ pub struct Setup {
     pub sync0_limit: Picos,
     /// Largest spread of outputs behind their pulse with which a SubDevice counts as synchronized.
     pub outputs_spread: Picos,
+    /// What the segment is meant to do; a MainDevice that does otherwise is a finding. By default
+    /// the claims of the segment file, and none without a file.
+    pub claims: Claims,
     /// Whether the server's caller may read and set process data. A service without such access
     /// saves some hundred instructions for each device and cycle. Default true.
     pub shows_process_data: bool,
@@ -53,6 +57,7 @@ impl From<&Scenario> for Setup {
             spares: setup.spares,
             sync0_limit: scenario.sync0_limit.into(),
             outputs_spread: scenario.outputs_spread.into(),
+            claims: scenario.claims(),
             shows_process_data: true,
         }
     }

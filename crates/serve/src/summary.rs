@@ -6,7 +6,8 @@ use isocat_engine::report::typed::KindDocument;
 use isocat_engine::report::words::{self, time};
 use isocat_engine::report::{self, Span, Spread, span, spread};
 use isocat_engine::verdict::Answer;
-use isocat_sim::expect::Judgement;
+use isocat_rules::Breach;
+use isocat_sim::expect::{Expectation, Judgement};
 use isocat_sim::{Finding, Kind};
 use isocat_sync::object::OUTPUT_PARAMETER;
 use isocat_wire::AlState;
@@ -21,7 +22,7 @@ use super::server::{End, Server, Session};
 use super::verdict::{Judged, JudgedDevice};
 
 /// Version of the document. It changes whenever a reader with an older schema could be misled.
-pub const FORMAT: &str = "isocat-serve-summary/6";
+pub const FORMAT: &str = "isocat-serve-summary/7";
 
 /// JSON schema of the document, draft 2020-12.
 #[cfg(feature = "schema")]
@@ -62,6 +63,9 @@ pub struct Summary {
     pub sessions: Vec<SessionSummary>,
     /// Number of sessions before these. Nothing else is known of them.
     pub sessions_left_out: u64,
+    /// Something is otherwise than it was meant, and no expectation covers it.
+    #[serde(skip)]
+    breach_decides: bool,
 }
 
 /// An expectation of the segment file, judged in true time.
@@ -103,6 +107,8 @@ pub struct Injected {
 #[derive(Clone, PartialEq, Debug, Serialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct SessionSummary {
+    /// Why nothing was judged, the first reason first; empty if something was.
+    pub not_judged: Vec<String>,
     /// Instant of the first frame.
     pub began_ns: i64,
     /// Instant of the last frame.
@@ -181,7 +187,7 @@ pub struct Cycle {
 #[derive(Clone, PartialEq, Debug, Serialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct JudgedSummary {
-    /// Whether no SubDevice has a finding, in this stretch of operation and in the earlier ones.
+    /// Whether there is no finding, in this stretch of operation and in the earlier ones.
     pub in_sync: bool,
     /// Stretches of operation before this one. Each ended when a SubDevice was asked to leave OP,
     /// as one that has fallen is before it is brought back. The figures are those of the last
@@ -193,8 +199,36 @@ pub struct JudgedSummary {
     pub judged_ns: i64,
     /// Number of SubDevices in OP.
     pub in_op: usize,
+    /// Findings about the segment.
+    pub findings: Vec<String>,
+    /// The same for programs, in the same order.
+    pub kinds: Vec<FindingKind>,
+    /// What was checked of what the segment was meant to do.
+    pub claims: ClaimsSummary,
     /// Each SubDevice.
     pub devices: Vec<DeviceSummary>,
+}
+
+/// What the rules checked of what the segment was meant to do.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
+pub struct ClaimsSummary {
+    /// Number of claims that were checked; those that do not hold are among the findings.
+    pub checked: usize,
+    /// Claims that could not be checked.
+    pub not_checked: Vec<NotChecked>,
+}
+
+/// A claim that could not be checked.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
+pub struct NotChecked {
+    /// Position of the SubDevice; null if the claim is about the segment.
+    pub position: Option<usize>,
+    /// Name of the rule.
+    pub rule: String,
+    /// The evidence that is missing.
+    pub needs: String,
 }
 
 /// A stretch of operation.
@@ -288,6 +322,7 @@ impl Summary {
             faults_left_out: server.left_out().faults,
             sessions: sessions.map(|session| summarize(server, session)).collect(),
             sessions_left_out: server.left_out().sessions,
+            breach_decides: breach_decides(server),
         }
     }
 
@@ -300,15 +335,31 @@ impl Summary {
         }
     }
 
-    /// The outcome by all expectations.
+    /// The outcome by all expectations, and by what is otherwise than it was meant.
     pub fn outcome(&self) -> Outcome {
         let any = |met| self.expected.iter().any(|one| one.met == met);
-        match (any(Some(false)), any(None)) {
+        match (any(Some(false)) || self.breach_decides, any(None)) {
             (true, _) => Outcome::NotAsExpected,
             (false, true) => Outcome::NotJudged,
             (false, false) => Outcome::AsExpected,
         }
     }
+}
+
+/// Whether something is otherwise than it was meant, and no expectation covers it: there are some,
+/// but none of a finding, and no fault was asked for.
+fn breach_decides(server: &Server) -> bool {
+    let covers = |judgement: &Judgement| {
+        matches!(judgement.expectation, Expectation::InSync(_) | Expectation::Blames(_))
+    };
+    let judgements = server.judgements();
+    if judgements.is_empty() || judgements.iter().any(covers) || server.faults().len() > 0 {
+        return false;
+    }
+    let sessions = server.sessions().iter().chain(server.session());
+    let stretches = sessions.flat_map(|session| session.earlier.iter().chain(&session.judged));
+    let mut found = stretches.flat_map(Judged::all_findings);
+    found.any(|finding| matches!(finding.kind, Kind::Breach(_)))
 }
 
 fn expected(server: &Server) -> Vec<Expected> {
@@ -339,6 +390,7 @@ fn summarize(server: &Server, session: &Session) -> SessionSummary {
     let judged = session.judged.as_ref().map(|judged| judged_summary(server, judged, session));
     let answer = answer(judged.as_ref());
     SessionSummary {
+        not_judged: if judged.is_some() { Vec::new() } else { not_judged(server, session) },
         began_ns: ns(conduct.began - Time::ZERO),
         ended_ns: ns(conduct.last - Time::ZERO),
         abrupt: session.end == End::Abrupt,
@@ -357,6 +409,43 @@ fn summarize(server: &Server, session: &Session) -> SessionSummary {
         answer: answer.name(),
         judged,
     }
+}
+
+/// Why nothing was judged, nearest to the cause first.
+fn not_judged(server: &Server, session: &Session) -> Vec<String> {
+    let Some(attempt) = &session.attempt else {
+        return vec![if session.conduct.done(Deed::RequestOp).is_some() {
+            "frames stopped before all SubDevices that were asked for OP were there".into()
+        } else {
+            "no SubDevice was asked for OP".into()
+        }];
+    };
+    let what = |breach: &Breach| words::what(&breach.clone().into(), words::Family::Served);
+    let mut reasons = Vec::new();
+    for (at, name) in server.names().iter().enumerate() {
+        let of_device = attempt.breached.iter().filter(|breached| breached.device == Some(at));
+        let breaches: Vec<_> = of_device.map(|breached| what(&breached.breach)).collect();
+        // The last refusal is nearest to the end.
+        let refused = session.refused.iter().rfind(|refused| refused.device == at);
+        if attempt.states[at] == AlState::Op && breaches.is_empty() {
+            continue;
+        }
+        let waits = refused.is_none() && breaches.is_empty();
+        let refusal =
+            refused.map_or(String::new(), |one| format!(" (AL status code {})", one.code));
+        let state = format!("was in {}{refusal}", attempt.states[at]);
+        let parts: Vec<_> = std::iter::once(state).chain(breaches).collect();
+        reasons.push((waits, format!("SubDevice {at} ({name}) {}", parts.join("; "))));
+    }
+    // What was refused or is wrong tells more than who only waited for it.
+    reasons.sort_by_key(|(waits, _)| *waits);
+    let mut reasons: Vec<String> = reasons.into_iter().map(|(_, reason)| reason).collect();
+    let of_segment = attempt.breached.iter().filter(|breached| breached.device.is_none());
+    reasons.extend(of_segment.map(|breached| what(&breached.breach)));
+    if session.conduct.done(Deed::RequestOp).is_none() {
+        reasons.insert(0, "no SubDevice was asked for OP".into());
+    }
+    reasons
 }
 
 fn answer(judged: Option<&JudgedSummary>) -> Answer {
@@ -392,14 +481,6 @@ fn remarks(server: &Server, session: &Session) -> Vec<String> {
     let mut remarks = Vec::new();
     let mut say = |remark: String| remarks.push(remark);
     let did = |deed| conduct.done(deed).is_some();
-    if conduct.sources().len() > 1 {
-        let all: Vec<_> = conduct
-            .sources()
-            .iter()
-            .map(|s| format!("{} ({} frames)", mac(s.address), s.frames))
-            .collect();
-        say(format!("more than one MainDevice sent on this wire: {}", all.join(", ")));
-    }
     if conduct.sync_verified() == Some(false) {
         say("SYNC was activated and never seen to run: neither 0x0984 nor 0x0990 was read afterwards".into());
     }
@@ -457,15 +538,6 @@ fn cycle_remarks(conduct: &Conduct, session: &Session, say: &mut impl FnMut(Stri
         return;
     }
     let synchronized = judged.devices.iter().any(|device| device.sync0_error.is_some());
-    if synchronized && cycle.drift == 0 {
-        say("no drift datagram in operation: the clocks run apart".into());
-    } else if synchronized && cycle.drift_gap.0 as f64 > 10.0 * mean {
-        let (gap, cycles) = (cycle.drift_gap, cycle.drift_gap.0 as f64 / mean);
-        say(format!(
-            "the reference time was not distributed for {} ({cycles:.0} cycles)",
-            time(gap)
-        ));
-    }
     let late = cycle.intervals.largest();
     if late as f64 > 1.5 * mean {
         say(format!(
@@ -494,16 +566,6 @@ fn judged_remarks(server: &Server, judged: &Judged, say: &mut impl FnMut(String)
         .filter(|(_, device)| in_op(device) && device.has_process_data)
         .filter(|(_, device)| device.sync0_error.is_some() && !device.mode.uses_dc())
         .collect();
-    let empty: Vec<_> =
-        devices().filter(|(_, device)| in_op(device) && !device.has_process_data).collect();
-    if let Some((at, _)) = empty.first() {
-        say(format!(
-            "{} in OP without any process data, first SubDevice {at} ({}): nothing is assigned in 0x1C12 and 0x1C13, \
-             so it has nothing to synchronize and no watchdog",
-            count(empty.len()),
-            server.names()[*at],
-        ));
-    }
     if let Some((at, first)) = deaf.first() {
         say(format!(
             "SYNC0 runs and means nothing to {}, first SubDevice {at} ({}), whose mode is {}: a SubDevice \
@@ -530,18 +592,13 @@ fn judged_summary(server: &Server, judged: &Judged, session: &Session) -> Judged
     let stretch = |judged: &Judged| Stretch {
         judged_ns: ns(judged.ended - judged.began),
         findings: judged
-            .devices
-            .iter()
-            .enumerate()
-            .flat_map(|(position, device)| {
-                let name = &server.names()[position];
-                device
-                    .findings
-                    .iter()
-                    .map(move |what| format!("SubDevice {position} ({name}): {}", finding(what)))
+            .all_findings()
+            .map(|what| match what.place.device {
+                Some(at) => format!("SubDevice {at} ({}): {}", server.names()[at], finding(what)),
+                None => finding(what),
             })
             .collect(),
-        kinds: judged.devices.iter().flat_map(|device| &device.findings).map(kind).collect(),
+        kinds: judged.all_findings().map(kind).collect(),
     };
     let device = |(position, device): (usize, &JudgedDevice)| DeviceSummary {
         position,
@@ -560,7 +617,15 @@ fn judged_summary(server: &Server, judged: &Judged, session: &Session) -> Judged
         findings: device.findings.iter().map(finding).collect(),
         kinds: device.findings.iter().map(kind).collect(),
     };
+    let unchecked = judged.ruling.unchecked.iter().map(|one| NotChecked {
+        position: one.device,
+        rule: one.rule.to_owned(),
+        needs: one.needs.to_owned(),
+    });
     JudgedSummary {
+        findings: judged.findings.iter().map(finding).collect(),
+        kinds: judged.findings.iter().map(kind).collect(),
+        claims: ClaimsSummary { checked: judged.ruling.checked, not_checked: unchecked.collect() },
         in_sync: judged.in_sync() && earlier.iter().all(Judged::in_sync),
         earlier: earlier.iter().map(stretch).collect(),
         earlier_left_out: *earlier_left_out,

@@ -9,7 +9,7 @@ use isocat_engine::report::words::time;
 use isocat_engine::report::write_expected;
 use isocat_wire::time::{Nanos, Picos};
 
-use super::summary::{Cycle, JudgedSummary, SessionSummary, Summary};
+use super::summary::{ClaimsSummary, Cycle, JudgedSummary, SessionSummary, Summary};
 
 const GOOD: Style = AnsiColor::Green.on_default().bold();
 const BAD: Style = AnsiColor::Red.on_default().bold();
@@ -93,7 +93,18 @@ impl SessionSummary {
             more => writeln!(out, ", {more} more at its second port")?,
         }
         match &self.judged {
-            None => writeln!(out, " {BAD}no SubDevice came to operation{BAD:#}")?,
+            None => {
+                let mut reasons = self.not_judged.iter();
+                let head = reasons.next().map_or("", String::as_str);
+                for line in wrap(&format!("Not known: {head}"), WIDTH - 2) {
+                    writeln!(out, " {BAD}{line}{BAD:#}")?;
+                }
+                for what in reasons.take(MOST) {
+                    for (i, line) in wrap(what, WIDTH - 4).iter().enumerate() {
+                        writeln!(out, "{} {line}", if i == 0 { "  -" } else { "   " })?;
+                    }
+                }
+            }
             Some(judged) => judged.write_verdict(out)?,
         }
         writeln!(out, "\n what it did, in order, and how often")?;
@@ -169,32 +180,49 @@ impl JudgedSummary {
         let (all, judged) = (self.devices.len(), ns(self.judged_ns));
         let in_op = self.in_op;
         if self.in_sync {
-            return writeln!(
+            writeln!(
                 out,
                 " {GOOD}In sync: {in_op} of {all} SubDevices in OP, judged for {judged}.{GOOD:#}"
-            );
+            )?;
+            return self.write_claims(out);
         }
-        if self.devices.iter().all(|device| device.findings.is_empty()) {
+        let devices = self.devices.iter().flat_map(|device| {
+            let name = format!("SubDevice {} ({}): ", device.position, device.name);
+            device.findings.iter().map(move |what| format!("{name}{what}"))
+        });
+        let findings: Vec<_> = self.findings.iter().cloned().chain(devices).collect();
+        let Some((first, others)) = findings.split_first() else {
             writeln!(
                 out,
                 " {BAD}Not in sync throughout: operation was interrupted; the last {judged} were in sync.{BAD:#}"
             )?;
             return self.write_earlier(out);
+        };
+        let head = format!("Not in sync: {first}");
+        for line in wrap(&head, WIDTH - 2) {
+            writeln!(out, " {BAD}{line}{BAD:#}")?;
         }
-        let bad = self.devices.iter().filter(|device| !device.findings.is_empty()).count();
-        writeln!(
-            out,
-            " {BAD}Not in sync: something speaks against {bad} of {in_op} SubDevices, judged for \
-             {judged}.{BAD:#}"
-        )?;
-        for device in self.devices.iter().filter(|device| !device.findings.is_empty()).take(MOST) {
-            let what = device.findings.join("; ");
-            let what = format!("SubDevice {} ({}): {what}", device.position, device.name);
-            for (i, line) in wrap(&what, WIDTH - 4).iter().enumerate() {
+        for what in others.iter().take(MOST) {
+            for (i, line) in wrap(what, WIDTH - 4).iter().enumerate() {
                 writeln!(out, "{} {line}", if i == 0 { "  -" } else { "   " })?;
             }
         }
+        if others.len() > MOST {
+            writeln!(out, "  - and {} more; --json lists them all", others.len() - MOST)?;
+        }
+        writeln!(out, " {in_op} of {all} SubDevices in OP, judged for {judged}")?;
+        self.write_claims(out)?;
         self.write_earlier(out)
+    }
+
+    /// What the verdict is made of, beside what the judges measure in true time.
+    fn write_claims(&self, out: &mut String) -> fmt::Result {
+        let ClaimsSummary { checked, not_checked } = &self.claims;
+        write!(out, " {QUIET}{checked} claims about the segment were checked")?;
+        match not_checked.len() {
+            0 => writeln!(out, "{QUIET:#}"),
+            more => writeln!(out, ", {more} could not be (--json lists them){QUIET:#}"),
+        }
     }
 
     fn write_earlier(&self, out: &mut String) -> fmt::Result {

@@ -1,5 +1,6 @@
 //! The judges' results for an exchange in operation, in the segment's own time.
 
+use isocat_rules::{Breach, Claims, Ruling};
 use isocat_sim::bench::DeviceBench;
 use isocat_sim::finding::{self, Finding, Place};
 use isocat_sim::{Served, Statistics};
@@ -7,6 +8,20 @@ use isocat_sync::SyncMode;
 use isocat_sync::object::{OUTPUT_PARAMETER, sub};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatus, AlStatusCode, ObjectAddress};
+
+use crate::conduct::Conduct;
+use crate::evidence;
+
+/// What a stretch of operation is judged by.
+#[derive(Clone, Copy)]
+pub(crate) struct Case<'a> {
+    /// The segment and its judges.
+    pub served: &'a Served,
+    /// What the MainDevice did.
+    pub conduct: &'a Conduct,
+    /// What it was meant to do.
+    pub claims: &'a Claims,
+}
 
 /// A judged stretch of operation.
 #[derive(Clone, Debug)]
@@ -19,6 +34,10 @@ pub struct Judged {
     pub devices_in_op: usize,
     /// Every SubDevice, by position.
     pub devices: Vec<JudgedDevice>,
+    /// Findings about the segment.
+    pub findings: Vec<Finding>,
+    /// The judgement by the rules, whose breaches are among the findings.
+    pub ruling: Ruling,
 }
 
 /// The results of one SubDevice.
@@ -56,14 +75,43 @@ pub struct JudgedDevice {
 
 impl Judged {
     /// An empty judgement that begins at `at`.
-    pub fn begin(served: &Served, at: Time<True>) -> Self {
+    pub(crate) fn begin(served: &Served, at: Time<True>) -> Self {
         Self::new(served, (at, at), |position| counters(served, position))
     }
 
     /// The same judgement as of `ended`.
-    pub fn until(&self, served: &Served, ended: Time<True>) -> Self {
+    pub(crate) fn until(&self, case: Case<'_>, ended: Time<True>) -> Self {
         let before = |position: usize| self.devices[position].counters_before;
-        Self::new(served, (self.began, ended), before)
+        let mut judged = Self::new(case.served, (self.began, ended), before);
+        judged.hold_against(case);
+        judged
+    }
+
+    /// Holds the stretch against what was meant.
+    fn hold_against(&mut self, Case { served, conduct, claims }: Case<'_>) {
+        let evidence = evidence::of(served, conduct, &self.devices, (self.began, self.ended));
+        self.ruling = isocat_rules::judge(claims, &evidence);
+        // A SubDevice that has left OP has a finding of its own, with its time.
+        let left = |device: &JudgedDevice| {
+            let left = |one: &Finding| {
+                matches!(&one.kind, finding::Kind::Judged(finding::Judged::LeftOp { .. }))
+            };
+            device.findings.iter().any(left)
+        };
+        let has_left: Vec<bool> = self.devices.iter().map(left).collect();
+        self.ruling.breached.retain(|breached| {
+            let is_state = matches!(breached.breach, Breach::NotOperated { .. });
+            !(is_state && breached.device.is_some_and(|device| has_left[device]))
+        });
+        for breached in self.ruling.breached.iter().rev() {
+            let place = Place { device: breached.device, stage: None };
+            let finding = Finding { place, since: None, kind: breached.breach.clone().into() };
+            match breached.device {
+                // What is otherwise than it was meant explains what came of it.
+                Some(device) => self.devices[device].findings.insert(0, finding),
+                None => self.findings.insert(0, finding),
+            }
+        }
     }
 
     fn new(
@@ -75,12 +123,18 @@ impl Judged {
             .map(|at| device(served, at, before(at), (began, ended)))
             .collect();
         let devices_in_op = devices.iter().filter(|device| device.took_part).count();
-        Self { began, ended, devices_in_op, devices }
+        let (findings, ruling) = (Vec::new(), Ruling::default());
+        Self { began, ended, devices_in_op, devices, findings, ruling }
     }
 
-    /// Whether no SubDevice has a finding.
+    /// All findings: those about the segment, then those of the SubDevices by position.
+    pub fn all_findings(&self) -> impl Iterator<Item = &Finding> {
+        self.findings.iter().chain(self.devices.iter().flat_map(|device| &device.findings))
+    }
+
+    /// Whether there is no finding.
     pub fn in_sync(&self) -> bool {
-        self.devices_in_op > 0 && self.devices.iter().all(|device| device.findings.is_empty())
+        self.devices_in_op > 0 && self.all_findings().next().is_none()
     }
 }
 

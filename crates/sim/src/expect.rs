@@ -217,6 +217,11 @@ fn plant_deviation(
 
 fn recovers_within(limit: Nanos, course: &Course, evidence: &Evidence<'_>) -> (bool, Found) {
     let last = evidence.happened.iter().map(|happened| happened.at).max();
+    // Nothing recovers from what fell before operation, or from nothing.
+    let fell = last.is_some_and(|last| last >= course.began());
+    if !fell && course.stretches().is_empty() && course.left_out() == 0 {
+        return (false, if evidence.is_to_come { Found::RunEnded } else { Found::NoFault });
+    }
     let last = last.unwrap_or(course.began()).max(course.began());
     let until = last + Picos::from(limit);
     // If stretches were left out, the end of the last one is unknown.

@@ -8,6 +8,7 @@
 use isocat_esc::Esc;
 use isocat_maindevice::kind::{Description, Figures};
 use isocat_maindevice::{Cause, SegmentChange, Stage, kinds};
+use isocat_rules::Breach;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress, register};
 
@@ -326,6 +327,8 @@ pub enum Kind {
     Judged(Judged),
     /// Reported by the MainDevice: the segment changed.
     Change(SegmentChange),
+    /// Found by a rule: something is otherwise than it was meant.
+    Breach(Breach),
 }
 
 impl Kind {
@@ -334,6 +337,7 @@ impl Kind {
         match self {
             Kind::Judged(kind) => kind.name(),
             Kind::Change(kind) => kind.name(),
+            Kind::Breach(kind) => kind.name(),
         }
     }
 
@@ -342,12 +346,14 @@ impl Kind {
         match self {
             Kind::Judged(kind) => kind.figures(),
             Kind::Change(kind) => kind.figures(),
+            Kind::Breach(kind) => kind.figures(),
         }
     }
 
     /// All kinds with their figures.
     pub fn descriptions() -> impl Iterator<Item = &'static Description> {
-        Judged::DESCRIPTIONS.iter().chain(SegmentChange::DESCRIPTIONS)
+        let kinds = [Judged::DESCRIPTIONS, SegmentChange::DESCRIPTIONS, Breach::DESCRIPTIONS];
+        kinds.into_iter().flatten()
     }
 
     /// The AL status code in its figures, if there is one.
@@ -355,6 +361,7 @@ impl Kind {
         match self {
             Kind::Judged(Judged::LeftOp { code, .. } | Judged::NotInOp { code, .. }) => Some(*code),
             Kind::Judged(Judged::Failed { code, .. }) => *code,
+            Kind::Breach(Breach::NotOperated { code, .. }) => Some(*code),
             Kind::Change(
                 SegmentChange::LeftOut { cause }
                 | SegmentChange::NotAdmitted { cause }
@@ -368,6 +375,12 @@ impl Kind {
 impl From<Judged> for Kind {
     fn from(kind: Judged) -> Self {
         Kind::Judged(kind)
+    }
+}
+
+impl From<Breach> for Kind {
+    fn from(kind: Breach) -> Self {
+        Kind::Breach(kind)
     }
 }
 

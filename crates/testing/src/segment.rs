@@ -63,6 +63,13 @@ impl Segment {
         self
     }
 
+    /// Takes whatever the application makes of the segment as meant: modes, cycles, phases and
+    /// states of the file are no claims. By default they are, and what is otherwise is a finding.
+    pub fn as_is(mut self) -> Self {
+        self.scenario.as_is = true;
+        self
+    }
+
     /// Sets how late the application's wake-ups are: by up to `worst`, and a fifth of it on
     /// average. Default zero.
     pub fn lateness(mut self, worst: Duration) -> Self {

@@ -15,6 +15,7 @@ pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>
     }
     if both_ways {
         lost(observer, all);
+        silent(observer, all);
     }
     doubled(observer, all);
     skipped(observer, both_ways, all);
@@ -175,6 +176,20 @@ fn lost(observer: &Observer, all: &mut Vec<Finding>) {
     all.push(Finding::new(kind, None, first).at(at).with(more).likely());
 }
 
+/// Finds frames that did not come back any more, to the end of the capture. The last ones may only
+/// be under way.
+fn silent(observer: &Observer, all: &mut Vec<Finding>) {
+    let Some((since, frames)) = observer.cycle.silence else { return };
+    let span = observer.last.saturating_sub(since.value);
+    if frames < SILENT || span.as_nanos() < u128::from(UNDER_WAY_NS) {
+        return;
+    }
+    let for_ns = u64::try_from(span.as_nanos()).unwrap_or(u64::MAX);
+    let kind = Kind::SilentToTheEnd { frames, for_ns };
+    let finding = Finding::new(kind, None, since.frame).at(since.value);
+    all.push(finding.with([observer.cycle.last_answered].into_iter().filter(|frame| *frame > 0)));
+}
+
 fn doubled(observer: &Observer, all: &mut Vec<Finding>) {
     let Some(first) = observer.doubled.kept.first() else { return };
     let kind = Kind::FramesDoubled { count: observer.doubled.count };
@@ -213,5 +228,9 @@ fn count_of(rhythm: &Rhythm, limit: u64, kept: usize) -> u64 {
     }
 }
 
+/// Frames without an answer at the end that are no silence yet.
+const SILENT: u64 = 8;
+/// Time for which frames may be under way, ns.
+const UNDER_WAY_NS: u64 = 1_000_000;
 /// Intervals below which the cycle is not known.
 const LEAST: u64 = 20;

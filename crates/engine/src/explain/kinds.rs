@@ -7,8 +7,11 @@ mod descriptions;
 mod notes;
 
 use isocat_descriptions::{eni, esi, sii};
+use isocat_maindevice::SegmentChange;
 use isocat_maindevice::kind::Description;
+use isocat_rules::Breach;
 use isocat_segment::profile::{DoubtKind, Obstacle};
+use isocat_sim::Judged;
 use isocat_sync::opmode;
 
 use super::Meaning;
@@ -29,8 +32,11 @@ pub(super) fn names() -> Vec<String> {
 /// Every kind of every list.
 pub fn all() -> Vec<Meaning> {
     let mut all = Vec::new();
-    for kind in isocat_sim::Kind::descriptions() {
+    for kind in Judged::DESCRIPTIONS.iter().chain(SegmentChange::DESCRIPTIONS) {
         all.push(described("finding", "of run, serve, watch and virtual", kind, &[OF_A_RUN]));
+    }
+    for kind in Breach::DESCRIPTIONS {
+        all.push(described("finding", OF_A_RULE, kind, &[OF_A_CLAIM]));
     }
     for (name, means) in isocat_diagnose::MEANINGS {
         all.push(meaning("finding", "of diagnose and record", name, means, &[OF_A_CAPTURE]));
@@ -112,6 +118,10 @@ fn meaning(
 const OF_A_DESCRIPTION: &str = "about a description (ESI)";
 const OF_A_RUN: &str =
     "what the report of the run says beside it: cause and remedy (`diagnoses` in --json)";
+const OF_A_RULE: &str =
+    "of a rule: virtual, serve and the libraries hold the segment file against what runs";
+const OF_A_CLAIM: &str = "the MainDevice, if the file says what was meant; else the file. What is meant to differ: \
+     `--as-is`, or leave the key out. docs/rules.md has the rules and the keys that are claims";
 const OF_A_CAPTURE: &str = "what the diagnosis says below it, with the figures of this capture";
 const OF_AN_EEPROM: &str = "the EEPROM's content, if it is yours: `isocat sii --from FILE --out OUT` writes one; \
      a device that runs as it is needs nothing";

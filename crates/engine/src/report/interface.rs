@@ -24,7 +24,7 @@ use super::{
 use crate::verdict::Answer;
 
 /// Version of the document; it changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-interface-report/6";
+pub const FORMAT: &str = "isocat-interface-report/7";
 
 /// JSON schema of the document, draft 2020-12.
 #[cfg(feature = "schema")]

@@ -2,6 +2,8 @@
 //!
 //! These sentences are for people only. Programs, diagnoses and pages use the kind.
 
+mod breach;
+
 use isocat_maindevice::SegmentChange;
 use isocat_sim::{Judged, Kind};
 use isocat_wire::time::{Nanos, Picos};
@@ -39,6 +41,7 @@ pub fn what(kind: &Kind, family: Family) -> String {
     match kind {
         Kind::Judged(kind) => judged(kind, family),
         Kind::Change(change) => change.to_string(),
+        Kind::Breach(kind) => breach::breach(kind),
     }
 }
 
@@ -196,6 +199,10 @@ pub fn gap(gap: &Gap) -> String {
             "frames may have been too early {}: up to {by} with the worst clocks",
             in_cycles(*cycles)
         ),
+        Gap::ReturnedLate { frames } => {
+            let frames = if *frames == 1 { "1 frame".into() } else { format!("{frames} frames") };
+            format!("{frames} came back when the next cycle had begun: outputs or inputs may be a cycle late")
+        }
         Gap::NothingTells => {
             "it has no counter of missed events, and no plan says how late its frames may be".into()
         }

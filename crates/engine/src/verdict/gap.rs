@@ -42,6 +42,12 @@ kinds! {
             /// Largest earliness, with the worst clocks.
             by: Nanos,
         },
+        /// Frames came back when the next cycle had begun, and no time of a reference clock tells
+        /// when they had come to SubDevices: outputs or inputs may be a cycle late.
+        ReturnedLate = "returned-late" {
+            /// Number of frames.
+            frames: u64,
+        },
         /// The SubDevice has no 0x1C32:0B or 0x1C33:0B, and the plan has no limit for the lateness
         /// of its frames.
         NothingTells = "nothing-tells",
@@ -96,6 +102,7 @@ impl Gap {
             Self::FrameTimes { .. }
             | Self::OutputsMaybeLate { .. }
             | Self::FramesMaybeEarly { .. }
+            | Self::ReturnedLate { .. }
             | Self::NothingTells
             | Self::CountersNotRead
             | Self::ClockNotRead

@@ -7,7 +7,7 @@ use isocat_sim::run::intent;
 use isocat_sim::{Setup, World};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
-use crate::draw::{Drawn, draw};
+use crate::draw::Drawn;
 use crate::held::{Mistake, hold, near_limit, no_recovery};
 use crate::truth::{Truth, Witness};
 
@@ -29,8 +29,7 @@ pub struct Ran {
     pub wrong: Vec<(Mistake, String)>,
 }
 
-pub fn run(seed: u64) -> Fate {
-    let Drawn { text, recovers } = draw(seed);
+pub fn run(Drawn { text, recovers }: Drawn) -> Fate {
     let Ok(file) = SegmentFile::parse("random.toml", &text) else { return Fate::Refused };
     let faults = words(&text);
     let recovers = recovers && !loads_nothing(&faults);

@@ -17,6 +17,37 @@ pub struct Drawn {
 /// The segment of a seed. In four out of five there are faults.
 pub fn draw(seed: u64) -> Drawn {
     let mut chance = Chance(Stream::new(seed, "campaign", 0));
+    let (_, recovers, text) = segment(seed, &mut chance);
+    let is_harmed = !chance.one_in(5);
+    let sweep = Sweep::new("random.toml", &text).map(|mut sweep| {
+        sweep.seeds(seed, 1);
+        if is_harmed {
+            sweep.swarm();
+        }
+        sweep
+    });
+    // What a file cannot express is refused when it is run.
+    let case = sweep.ok().and_then(|sweep| sweep.case(0).ok());
+    Drawn { text: case.map_or(text, |case| case.text), recovers }
+}
+
+/// The segment of a seed in which nothing happens but that the frames of one cycle leave late, by
+/// this share of the cycle in percent.
+pub fn held_up(seed: u64, percent: u64) -> Drawn {
+    let mut chance = Chance(Stream::new(seed, "held up", percent));
+    let (cycle, recovers, mut text) = segment(seed, &mut chance);
+    let at = cycle * chance.between(20, 120) + chance.between(0, cycle);
+    let late = cycle * percent / 100;
+    let _ = writeln!(
+        text,
+        "[[fault]]\nat = \"in-operation + {at}ns\"\nwhat = \"slow-send {late}ns for {cycle}ns\""
+    );
+    Drawn { text, recovers }
+}
+
+/// A segment without faults: its cycle in ns, whether SubDevices that leave OP are to be brought
+/// back, and its file.
+fn segment(seed: u64, chance: &mut Chance) -> (u64, bool, String) {
     let cycle = *chance.of(&[500_000, 1_000_000, 1_000_000, 2_000_000, 4_000_000, 10_000_000]);
     let recovers = chance.one_in(4);
     let mut text = format!("cycle = \"{cycle}ns\"\nseed = {seed}\n");
@@ -31,19 +62,9 @@ pub fn draw(seed: u64) -> Drawn {
     let _ = writeln!(text, "[host]\njitter = \"{}ns\"", chance.between(0, 50_000.min(cycle / 8)));
     let mut forks = Vec::new();
     for place in 0..chance.between(1, 5) {
-        device(&mut chance, &mut text, place, &mut forks);
+        device(chance, &mut text, place, &mut forks);
     }
-    let is_harmed = !chance.one_in(5);
-    let sweep = Sweep::new("random.toml", &text).map(|mut sweep| {
-        sweep.seeds(seed, 1);
-        if is_harmed {
-            sweep.swarm();
-        }
-        sweep
-    });
-    // What a file cannot express is refused when it is run.
-    let case = sweep.ok().and_then(|sweep| sweep.case(0).ok());
-    Drawn { text: case.map_or(text, |case| case.text), recovers }
+    (cycle, recovers, text)
 }
 
 /// Writes a device; `forks` are the devices before it with a free port for a branch.

@@ -51,7 +51,8 @@ fn is_true(finding: &Finding, truth: &Truth, limit: Nanos) -> bool {
             !truth.losses.is_empty()
         }
         Kind::Change(SegmentChange::Lost { .. }) => of_device || truth.wires_were_touched(),
-        Kind::Change(_) => of_device,
+        // The engine holds nothing against claims.
+        Kind::Change(_) | Kind::Breach(_) => of_device,
     }
 }
 

@@ -16,6 +16,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use campaign::{Fate, Ran};
+use draw::Drawn;
 use held::Mistake;
 use isocat_engine::verdict::Answer;
 
@@ -97,14 +98,14 @@ impl Table {
     }
 }
 
-fn try_all(seeds: &[u64]) -> Table {
+fn try_all(seeds: &[u64], draw: impl Fn(u64) -> Drawn + Sync) -> Table {
     let next = AtomicUsize::new(0);
     let table = Mutex::new(Table::default());
     let work = || {
         loop {
             let Some(&seed) = seeds.get(next.fetch_add(1, Ordering::Relaxed)) else { return };
             // A run that panics is a result, and the worst one.
-            let fate = catch_unwind(AssertUnwindSafe(|| campaign::run(seed)));
+            let fate = catch_unwind(AssertUnwindSafe(|| campaign::run(draw(seed))));
             let mut table = table.lock().expect("no thread panicked with it");
             match fate {
                 Ok(fate) => table.add(seed, fate),
@@ -126,10 +127,6 @@ fn try_all(seeds: &[u64]) -> Table {
 /// does.
 #[test]
 fn the_verdict_of_a_wire_is_that_of_true_time() {
-    let number = |name: &str, otherwise: u64| {
-        let text = std::env::var(name).ok();
-        text.map_or(otherwise, |text| text.parse().expect("a number of seeds"))
-    };
     let from = number("ISOCAT_SEEDS_FROM", 0);
     let seeds = number("ISOCAT_SEEDS", FEW);
     if seeds == 1 {
@@ -139,7 +136,7 @@ fn the_verdict_of_a_wire_is_that_of_true_time() {
     if std::env::var_os("ISOCAT_SEEDS").is_none() {
         all.extend(ONCE);
     }
-    let table = try_all(&all);
+    let table = try_all(&all, draw::draw);
     table.print();
     assert_eq!(table.of("panicked"), 0);
     assert!(table.wrong(Mistake::UndetectedLoss).is_empty());
@@ -157,6 +154,42 @@ fn the_verdict_of_a_wire_is_that_of_true_time() {
     assert!(table.of("no loss: in sync") * 20 >= seeds);
 }
 
+/// Frames that leave late by a known share of the cycle are late by so much, and not early in the
+/// next one: each loss that they cause is seen, whatever the share.
+#[test]
+fn a_frame_that_is_held_up_is_late_and_never_early() {
+    let from = number("ISOCAT_SEEDS_FROM", 0);
+    let seeds: Vec<u64> =
+        (from..from + number("ISOCAT_SEEDS", FEW_HELD_UP).min(MOST_HELD_UP)).collect();
+    let mut losses = 0;
+    for percent in HELD_UP {
+        let table = try_all(&seeds, |seed| draw::held_up(seed, percent));
+        println!("held up by {percent} % of a cycle:");
+        if let [seed] = seeds[..] {
+            println!("{}", draw::held_up(seed, percent).text);
+        }
+        table.print();
+        assert_eq!(table.of("panicked"), 0);
+        for wrong in [Mistake::UndetectedLoss, Mistake::FalseAlarm, Mistake::WrongName] {
+            assert_eq!(table.wrong(wrong), [""; 0], "{wrong:?} at {percent} %");
+        }
+        losses += table.losses();
+    }
+    assert!(losses >= seeds.len() as u64, "{losses} losses");
+}
+
+/// The number that a variable of the environment asks for.
+fn number(name: &str, otherwise: u64) -> u64 {
+    let text = std::env::var(name).ok();
+    text.map_or(otherwise, |text| text.parse().expect("a number of seeds"))
+}
+
+/// Shares of the cycle in percent by which frames are held up.
+const HELD_UP: [u64; 14] = [10, 30, 50, 70, 80, 90, 95, 100, 105, 120, 150, 190, 200, 210];
+/// Number of segments for each of them by default, and at most: a campaign of many seeds is for
+/// the other test.
+const FEW_HELD_UP: u64 = 6;
+const MOST_HELD_UP: u64 = 120;
 /// Number of seeds by default.
 const FEW: u64 = 150;
 /// Seeds that once showed a fault of a judge, of the simulation or of the MainDevice:

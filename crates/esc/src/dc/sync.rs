@@ -7,7 +7,7 @@
 use isocat_wire::Time;
 use isocat_wire::dc::{ActivationStatus, SyncActivation};
 use isocat_wire::register::{self, al_event};
-use isocat_wire::time::Device;
+use isocat_wire::time::{Dc, Device};
 
 use super::clock::{TICK, ceil};
 use crate::memory::Registers;
@@ -448,6 +448,11 @@ impl SyncUnit {
         // The next SYNC0 arms SYNC1, unless a SYNC1 is already pending.
         let armed = self.sync0.next.filter(|_| sync1_on).map(|next| next.wrapping_add(delay));
         (sync0, self.sync1.next.or(armed).or(self.sync1.last))
+    }
+
+    /// System time of the next pulse of SYNC0.
+    pub fn next_sync0(&self) -> Option<Time<Dc>> {
+        self.sync0.next.map(Time::new)
     }
 
     /// Levels of the signals SYNC0 and SYNC1.

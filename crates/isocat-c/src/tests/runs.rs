@@ -2,6 +2,7 @@
 
 use std::ptr;
 
+use ::isocat_segment::{Scenario, SegmentFile};
 use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
 use isocat_wire::time::{Nanos, Time};
 
@@ -67,7 +68,9 @@ fn session(seed: u64) -> String {
     assert_eq!(unsafe { isocat_segment_cycle_ns(segment) }, 1_000_000);
     done(|error| unsafe { isocat_segment_set_seed(segment, seed, error) });
     let bus = bus_of(segment);
-    let mut main = main_device();
+    // It assigns the PDOs that its third drive needs.
+    let config = Scenario::from(SegmentFile::built_in()).config();
+    let mut main = MainDevice::new(config, Time::new(BEGIN));
     run(bus, &mut main, 2_000_000_000);
     let verdict = verdict_of(bus);
     let whole = summary(verdict);

@@ -11,11 +11,12 @@ use isocat_captures::probe::Probe;
 use isocat_captures::reading::Frame;
 use isocat_captures::reading::NoCapture;
 use isocat_descriptions::esi::EsiFile;
+use isocat_diagnose::report::VerdictKind;
 use isocat_diagnose::{Around, DiagnoseReport, Diagnosis, Names};
 use isocat_segment::SegmentFile;
 
 use super::run::{command, is_page, json, write_report};
-use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
+use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, NOT_KNOWN, fail, print};
 use crate::html::diagnose::Diagnosed;
 use crate::html::diagnose::figures::Figures;
 
@@ -126,10 +127,11 @@ pub fn run(arguments: &Arguments) -> u8 {
         true => json(&report),
         false => report.text(),
     });
-    match report.found() {
+    match report.verdict.kind {
         _ if code == BAD_INPUT => BAD_INPUT,
-        true => NOT_IN_SYNC,
-        false => IN_SYNC,
+        VerdictKind::Found => NOT_IN_SYNC,
+        VerdictKind::NothingFound => NOT_KNOWN,
+        VerdictKind::InSync => IN_SYNC,
     }
 }
 

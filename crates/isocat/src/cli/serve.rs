@@ -57,6 +57,10 @@ pub struct Arguments {
     /// Result of `isocat calibrate --chips` on a real segment, for the chips of the virtual one
     #[arg(long, value_name = "FILE")]
     chips: Option<String>,
+    /// Whatever a MainDevice makes of the segment is meant: modes, cycles, phases and states of the
+    /// file are no claims
+    #[arg(long)]
+    as_is: bool,
     /// Also write the summary to this file: a page if it ends in .html, JSON if in .json, otherwise
     /// text
     #[arg(long, value_name = "FILE")]
@@ -83,6 +87,7 @@ pub fn run(arguments: &Arguments) -> u8 {
     if let Err(error) = super::apply_chips(arguments.chips.as_deref(), &mut scenario) {
         return fail(&error.to_string());
     }
+    scenario.as_is |= arguments.as_is;
     scenario.drift_law = arguments.drift_law.or(scenario.drift_law);
     let ends = match arguments.ends(&scenario) {
         Ok(ends) => ends,

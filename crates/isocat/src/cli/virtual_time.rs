@@ -64,6 +64,10 @@ pub struct Arguments {
     /// End the program after this virtual time, up to 24 hours
     #[arg(long = "for", value_name = "TIME", value_parser = duration, default_value = "3600s")]
     limit: Nanos,
+    /// Whatever the program makes of the segment is meant: modes, cycles, phases and states of the
+    /// file are no claims
+    #[arg(long)]
+    as_is: bool,
     /// Print the summary as JSON on standard output, once the program has ended
     #[arg(long)]
     json: bool,
@@ -111,6 +115,7 @@ pub fn run(arguments: &Arguments) -> u8 {
 fn once(arguments: &Arguments) -> Result<u8, String> {
     let mut scenario = Scenario::from(arguments.segment_file()?);
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
+    scenario.as_is |= arguments.as_is;
     let interfaces = arguments.interfaces(&scenario)?;
     let program = arguments.find_program()?;
     let options = arguments.options(&scenario, interfaces)?;

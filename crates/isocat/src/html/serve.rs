@@ -130,6 +130,10 @@ fn judges(judged: &JudgedSummary) -> Markup {
             @if !judged.earlier.is_empty() { ", after " (judged.earlier.len()) " earlier stretches" }
             "."
         }
+        p {
+            (judged.claims.checked) " claims about the segment were checked, " (judged.claims.not_checked.len()) " could not be."
+        }
+        (notes("About the segment", &judged.findings))
         @for (at, stretch) in judged.earlier.iter().enumerate() {
             (notes(&format!("Stretch {}, {}", at + 1, Nanos(stretch.judged_ns)), &stretch.findings))
         }

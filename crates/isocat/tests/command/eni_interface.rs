@@ -69,7 +69,7 @@ fn our_own_export_runs() {
     let Some(told) = down_to_init(&folder, run, "our_own_export_runs") else { return };
     let report = told.report();
     assert_eq!((told.exit, told.code()), (Some(0), Some(0)), "{report:#}");
-    assert_eq!(report["format"], "isocat-eni-run/2");
+    assert_eq!(report["format"], "isocat-eni-run/3");
     let (run, interface) = (&report["run"], &report["run"]["interface"]);
     assert_eq!((&run["failure"], &run["summary"]), (&Value::Null, &Value::Null));
     assert_eq!((&interface["answer"], &interface["ended_by"]), (&"in-sync".into(), &"time".into()));

@@ -256,13 +256,25 @@ fn table<'a>(kinds: impl Iterator<Item = &'a Description>) -> String {
     text
 }
 
+/// The table of the rules as docs/rules.md shows it.
+fn rules() -> String {
+    let mut text =
+        "| rule | what it claims | the evidence that it needs |\n|---|---|---|\n".to_owned();
+    for rule in isocat_rules::book::RULES {
+        text += &format!("| `{}` | {} | {} |\n", rule.name, rule.claims, rule.needs);
+    }
+    text
+}
+
 #[test]
-fn all_kinds_are_documented() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/findings.md");
-    let mut text = std::fs::read_to_string(&path).expect("docs/findings.md is there");
-    for (name, table) in
-        [("findings", table(Kind::descriptions())), ("notes", table(NoteKind::DESCRIPTIONS.iter()))]
-    {
+fn all_kinds_and_rules_are_documented() {
+    for (page, name, table) in [
+        ("findings", "findings", table(Kind::descriptions())),
+        ("findings", "notes", table(NoteKind::DESCRIPTIONS.iter())),
+        ("rules", "rules", rules()),
+    ] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../docs/{page}.md"));
+        let mut text = std::fs::read_to_string(&path).expect("the page is there");
         let (begin, end) = (format!("<!-- {name} -->\n"), format!("<!-- end of {name} -->\n"));
         let from = text.find(&begin).expect("the mark") + begin.len();
         let to = text.find(&end).expect("its end");

@@ -45,7 +45,7 @@ fn the_built_in_segment_is_brought_into_sync() {
     let Some(told) = run(&folder, &arguments) else { return };
     let report = told.report();
     assert_eq!((told.exit, told.code()), (Some(0), Some(0)), "{report:#}");
-    assert_eq!(report["format"], "isocat-interface-report/6");
+    assert_eq!(report["format"], "isocat-interface-report/7");
     assert_eq!(
         report["verdict"],
         "In sync: 3 of 5 SubDevices, 2 in Free Run as announced or asked for."

@@ -149,19 +149,23 @@ fn neither_side_knows_the_other() {
 
 /// The arrows of the house, all of them, tests aside: what each package may depend on. A package
 /// that is not named here may not be.
-const ARROWS: [(&str, &[&str]); 22] = [
+const ARROWS: [(&str, &[&str]); 23] = [
     ("wire", &[]),
     ("captures", &["wire"]),
     ("sync", &["wire"]),
+    ("rules", &["wire", "sync"]),
     ("esc", &["wire"]),
     ("subdevice", &["wire", "sync", "esc"]),
     ("lan925x", &["esc"]),
-    ("maindevice", &["wire", "sync"]),
+    ("maindevice", &["wire", "sync", "rules"]),
     ("host", &["wire", "maindevice"]),
-    ("sim", &["wire", "sync", "esc", "subdevice", "maindevice"]),
+    ("sim", &["wire", "sync", "rules", "esc", "subdevice", "maindevice"]),
     ("virtual", &["wire", "sim"]),
     ("descriptions", &["wire"]),
-    ("segment", &["wire", "sync", "esc", "subdevice", "maindevice", "sim", "descriptions"]),
+    (
+        "segment",
+        &["wire", "sync", "rules", "esc", "subdevice", "maindevice", "sim", "descriptions"],
+    ),
     ("recorders", &["wire", "sync", "subdevice", "maindevice", "sim"]),
     ("diagnose", &["wire", "sync", "captures", "descriptions"]),
     ("conform", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment"]),
@@ -170,6 +174,7 @@ const ARROWS: [(&str, &[&str]); 22] = [
         &[
             "wire",
             "sync",
+            "rules",
             "esc",
             "subdevice",
             "maindevice",
@@ -183,7 +188,10 @@ const ARROWS: [(&str, &[&str]); 22] = [
             "conform",
         ],
     ),
-    ("serve", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment", "engine"]),
+    (
+        "serve",
+        &["wire", "sync", "rules", "subdevice", "host", "sim", "descriptions", "segment", "engine"],
+    ),
     (
         "player",
         &[
@@ -313,9 +321,10 @@ const READERS: [&str; 8] = [
 ];
 
 /// Where sentences are made that other code could search.
-const SENTENCES: [&str; 8] = [
+const SENTENCES: [&str; 9] = [
     "crates/diagnose/src/words.rs",
     "crates/engine/src/report/words.rs",
+    "crates/engine/src/report/words/breach.rs",
     "crates/engine/src/live/judge.rs",
     "crates/engine/src/status/verdict.rs",
     "crates/engine/src/diagnosis.rs",

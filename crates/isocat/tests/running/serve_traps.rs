@@ -17,6 +17,8 @@ const TRIP: Nanos = Nanos::micros(40);
 /// A served segment and a hand that sends frames.
 struct Wire {
     server: Server,
+    /// Of a MainDevice that does what the segment file says.
+    config: Config,
     now: Time<Host>,
 }
 
@@ -35,7 +37,10 @@ impl Wire {
 
     fn of(file: SegmentFile) -> Self {
         let now = Time::new(5_000_000_000);
-        Self { server: Server::new(&Scenario::from(file), now), now }
+        let scenario = Scenario::from(file);
+        // One sender, whether it is the MainDevice's program or this hand.
+        let config = Config { source: SOURCE, ..scenario.config() };
+        Self { server: Server::new(&scenario, now), config, now }
     }
 
     /// Sends a frame and gives it as it came back.
@@ -76,7 +81,7 @@ impl Wire {
     /// Our own MainDevice brings it to OP and exchanges process data for some cycles; then it is
     /// gone, as if killed, or stops as it ought to.
     fn session(&mut self, cycles: u64, stop: bool) -> MainDevice {
-        let mut main = MainDevice::new(Config::new(Nanos::millis(1)), self.now);
+        let mut main = MainDevice::new(self.config.clone(), self.now);
         let mut buffer = [0; FRAME_LEN];
         let end = self.now + Nanos::millis(20_000);
         let mut began = None;
@@ -370,6 +375,8 @@ fn going_down_one_by_one_is_not_a_new_operation() {
     wire.server.finish(wire.now);
     let judged = wire.server.sessions()[0].judged.as_ref().expect("it was in operation");
     assert_eq!(judged.devices_in_op, 4);
+    let findings: Vec<_> = judged.all_findings().collect();
+    assert!(findings.is_empty(), "{findings:?}");
     assert!(judged.in_sync() && judged.ended - judged.began > Nanos::millis(40).into());
 }
 
@@ -405,7 +412,8 @@ fn a_fall_that_was_mended_is_not_forgotten() {
     let summary = isocat::serve::Summary::new(&wire.server, "test", "none", Nanos(0));
     let judged = summary.sessions[0].judged.as_ref().expect("it was in operation");
     assert_eq!((judged.in_op, judged.earlier.len(), judged.in_sync), (4, 1, false));
-    assert!(judged.earlier[0].findings.iter().all(|what| what.contains("0x001B")));
+    let fell = &judged.earlier[0].findings;
+    assert!(fell.iter().all(|what| what.contains("0x001B")), "{fell:?}");
     assert!(!judged.earlier[0].findings.is_empty());
     assert!(summary.text().contains("Not in sync throughout"), "{}", summary.text());
 }

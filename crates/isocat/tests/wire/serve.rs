@@ -209,7 +209,7 @@ fn a_signal_ends_it_cleanly() {
         output.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
     assert_eq!(lines[0]["event"], "session began");
     let summary = lines.last().expect("a summary");
-    assert_eq!(summary["format"], "isocat-serve-summary/6");
+    assert_eq!(summary["format"], "isocat-serve-summary/7");
     assert_eq!((&summary["frames"], &summary["answered"]), (&1.into(), &1.into()));
     assert!(!Path::new("/run/netns/isct-sig").exists(), "the namespace is gone");
 }

@@ -7,7 +7,7 @@ use isocat_wire::command::Command;
 use isocat_wire::datagram::{Address, HEADER_LEN, Header, WKC_LEN};
 use isocat_wire::frame::{FrameWriter, MAX_LEN, duration_ns};
 use isocat_wire::register;
-use isocat_wire::time::{Host, Nanos, Time};
+use isocat_wire::time::{Dc, Host, Nanos, Time};
 
 use super::CyclicExchange;
 use super::layout::{HEADERS, Parts, TIME_LEN, ZEROS, plan_frames};
@@ -30,6 +30,8 @@ pub(super) struct CyclicFrame {
     /// When the frame was sent, for its two flights by parity of the cycle.
     pub(super) flights: [Option<Time<Host>>; 2],
     pub(super) cycles: [u64; 2],
+    /// The system time at which each of them was to find the reference clock.
+    pub(super) planned: [Time<Dc>; 2],
 }
 
 /// One datagram of a frame.
@@ -131,10 +133,19 @@ impl CyclicExchange {
             head.copy_from_slice(&bytes[..HEADERS]);
             let last = datagrams.last();
             let used = last.map_or(HEADERS, |last| last.start + HEADER_LEN + last.len + WKC_LEN);
-            let (flights, cycles) = ([None; 2], [0; 2]);
+            let (flights, cycles, planned) = ([None; 2], [0; 2], [Time::ZERO; 2]);
             let wire = Nanos(duration_ns(len) as i64) + GAP;
-            let frame = CyclicFrame { every, head, datagrams, used, len, wire, flights, cycles };
-            self.frames.push(frame);
+            self.frames.push(CyclicFrame {
+                every,
+                head,
+                datagrams,
+                used,
+                len,
+                wire,
+                flights,
+                cycles,
+                planned,
+            });
         }
         self.frame_bits =
             self.frames.len().saturating_sub(1).checked_ilog2().map_or(0, |log| log + 1);

@@ -28,7 +28,7 @@ impl CyclicExchange {
         let bits = self.frame_bits;
         let Some(frame) = self.frames.get_mut(at) else { return false };
         let Some(sent) = frame.flights[parity] else { return false };
-        let cycle = frame.cycles[parity];
+        let (cycle, planned) = (frame.cycles[parity], frame.planned[parity]);
         // An answer that is some cycles late must not count for a later cycle.
         if super::send::index(cycle, at, bits) != index || bytes.len() < frame.used {
             return false;
@@ -41,6 +41,7 @@ impl CyclicExchange {
         let datagrams = core::mem::take(&mut frame.datagrams);
         self.in_flight -= 1;
         self.closing.out -= usize::from(cycle == self.number);
+        board.statistics.frames_behind += u64::from(cycle != self.number);
         board.statistics.frames_received += 1;
         let mut complete = true;
         let mut reference_time = None;
@@ -48,7 +49,7 @@ impl CyclicExchange {
             let Some((data, wkc)) = datagram.found_in(bytes) else { continue };
             match datagram.part {
                 Part::Drift => {
-                    reference_time = self.take_time(sent, data, wkc, cycle, board);
+                    reference_time = self.take_time((sent, planned), data, wkc, cycle, board);
                     if reference_time.is_none() && self.in_ring {
                         reference_time = self.take_time_alone(sent, data, cycle, board);
                     }
@@ -94,11 +95,12 @@ impl CyclicExchange {
         true
     }
 
-    /// Feeds the servo with the reference time that came back, and returns it.
+    /// Feeds the servo with the reference time that came back, and returns it. The frame left at
+    /// `sent`, and was to find the clock at `planned`.
     #[inline(always)]
     pub(super) fn take_time(
         &mut self,
-        sent: Time<Host>,
+        (sent, planned): (Time<Host>, Time<Dc>),
         data: &[u8],
         wkc: u16,
         cycle: u64,
@@ -124,13 +126,24 @@ impl CyclicExchange {
         }
         self.servo.sample(sent, dc);
         if self.measuring {
-            let cycle = self.cycle.0;
-            let phase = (dc + self.to_phase).phase(cycle as u64) as i64;
-            let error = if phase > self.half.0 { phase - cycle } else { phase };
-            board.statistics.phase_error.add(Nanos(error));
-            self.latest = self.latest.max(Some(Nanos(error)));
+            let error = self.lateness(dc, planned);
+            board.statistics.phase_error.add(error);
+            self.latest = self.latest.max(Some(error));
         }
         Some(dc)
+    }
+
+    /// How much later than planned a frame found the reference clock. The frame is known, so that
+    /// one that is almost a cycle late is not taken for an early one.
+    #[inline(always)]
+    fn lateness(&self, found: Time<Dc>, planned: Time<Dc>) -> Nanos {
+        let late = found - planned;
+        if late.0.unsigned_abs() <= (MOST_LATE * self.cycle.0).unsigned_abs() {
+            return late;
+        }
+        // No frame is that late: the clock was set, and only the phase is comparable.
+        let phase = (found + self.to_phase).phase(self.cycle.0 as u64) as i64;
+        Nanos(if phase > self.half.0 { phase - self.cycle.0 } else { phase })
     }
 
     /// Takes another number of SubDevices that answer.
@@ -282,6 +295,9 @@ impl Reference {
         dc
     }
 }
+
+/// Cycles by which a frame can be late. After two cycles it is given up, and its time with it.
+const MOST_LATE: i64 = 4;
 
 /// The time of a 32-bit clock, extended to the 64-bit time nearest to `near`.
 pub(crate) fn extend(low: u32, near: Time<Dc>) -> Time<Dc> {

@@ -89,6 +89,7 @@ impl CyclicExchange {
         }
         frame.flights[parity] = Some(now);
         frame.cycles[parity] = self.number;
+        frame.planned[parity] = self.grid;
         self.in_flight += 1;
         self.closing.out += 1;
         self.through = now.max(self.through) + frame.wire;

@@ -124,6 +124,16 @@ pub static FILE: Section = Section {
             example: "false",
         },
         Key {
+            name: "as_is",
+            kind: Kind::Boolean,
+            need: Need::Default("false"),
+            means: "Whether whatever a MainDevice makes of the segment is meant. Otherwise modes, cycles, \
+                    phases, states and process data of the file are claims, and a MainDevice that does \
+                    otherwise is told so.",
+            goes: "the rules of `virtual`, `serve` and the libraries",
+            example: "true",
+        },
+        Key {
             name: "subdevice",
             kind: Kind::Tables(&SUBDEVICE),
             need: Need::Required(

@@ -197,7 +197,7 @@ fn unknown_names_come_with_the_nearest_known() {
     assert_eq!(message, "1:1 unknown key \"cylce\" in the top level");
     assert_eq!(
         hint.unwrap(),
-        "did you mean \"cycle\"? expected one of: cycle, for, seed, drift_law, drift_phase, drift_gain, shift, sync0_limit, outputs_spread, watchdog, clocks, host, hop_jitter, subdevice, ring, quality, delay_watch, recovery, direction, measure_times, output, plant, fault, expect"
+        "did you mean \"cycle\"? expected one of: cycle, for, seed, drift_law, drift_phase, drift_gain, shift, sync0_limit, outputs_spread, watchdog, clocks, host, hop_jitter, as_is, subdevice, ring, quality, delay_watch, recovery, direction, measure_times, output, plant, fault, expect"
     );
 
     let (message, hint) = refused(&one("cabel = \"1m\""));

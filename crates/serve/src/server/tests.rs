@@ -103,7 +103,14 @@ fn the_oldest_sessions_are_forgotten_and_counted() {
 fn of_too_many_stretches_those_that_were_not_in_sync_stay() {
     let stretch = |number: u64, devices_in_op| {
         let at = Time::new(number);
-        Judged { began: at, ended: at, devices_in_op, devices: Vec::new() }
+        Judged {
+            began: at,
+            ended: at,
+            devices_in_op,
+            devices: Vec::new(),
+            findings: Vec::new(),
+            ruling: <_>::default(),
+        }
     };
     let mut session = Session::new(Time::ZERO);
     for number in 0..MOST_STRETCHES as u64 {

@@ -1,5 +1,6 @@
 //! The outcome of a program: in words, as JSON, as an exit code.
 
+use isocat_engine::verdict::Answer;
 use isocat_serve::Summary;
 use isocat_serve::summary::Outcome;
 use isocat_virtual::supervisor::{Ended, Ending, How};
@@ -13,14 +14,13 @@ pub const PROGRAM_FAILED: u8 = 4;
 /// The exit code: by the expectations of the segment, or without any by its last session, and then
 /// by the program.
 pub fn exit_code(summary: &Summary, ended: &Ended) -> u8 {
-    let answer = summary.sessions.last().map(|session| session.answer);
-    let judged = match (summary.outcome(), answer) {
+    let judged = match (summary.outcome(), summary.answer()) {
         (Outcome::NotAsExpected, _) => NOT_IN_SYNC,
         (Outcome::NotJudged, _) => NOT_KNOWN,
         (Outcome::AsExpected, _) if !summary.expected.is_empty() => IN_SYNC,
-        (Outcome::AsExpected, Some("in-sync")) => IN_SYNC,
-        (Outcome::AsExpected, Some("except")) => NOT_IN_SYNC,
-        (Outcome::AsExpected, _) => NOT_KNOWN,
+        (Outcome::AsExpected, Answer::InSync) => IN_SYNC,
+        (Outcome::AsExpected, Answer::Except) => NOT_IN_SYNC,
+        (Outcome::AsExpected, Answer::NotKnown) => NOT_KNOWN,
     };
     let failed = match &ended.how {
         How::Deadlock(_) | How::Spins(_) => true,

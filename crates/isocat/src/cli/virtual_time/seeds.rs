@@ -193,6 +193,9 @@ impl Arguments {
             self.preemption.map(|(one_of, time)| format!("{one_of}:{}", duration(time))),
         );
         add("--for", Some(duration(self.limit)));
+        if self.as_is {
+            words.push("--as-is".to_owned());
+        }
         words
     }
 

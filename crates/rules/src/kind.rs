@@ -141,7 +141,7 @@ macro_rules! integers {
     };
 }
 
-integers!(u16, u32, u64, usize, i64);
+integers!(u8, u16, u32, u64, usize, i64);
 
 impl Figured for bool {
     fn figure(&self) -> Figure {

@@ -1,0 +1,93 @@
+//! Sentences of breaches: what is otherwise than it was meant.
+
+use isocat_rules::Breach;
+use isocat_sync::SyncMode;
+use isocat_wire::dc::SyncActivation;
+
+use super::time;
+
+/// What was found, with its figures.
+pub(super) fn breach(breach: &Breach) -> String {
+    match breach {
+        Breach::NotOperated { state, code } => {
+            format!("is in {state}, and is to be in OP: AL status code {code}")
+        }
+        Breach::OtherMode { wanted, found, activation } => {
+            let why = why(*wanted, *found, *activation);
+            format!("runs in {found}, and is to run in {wanted}{why}")
+        }
+        Breach::StartPassed { ago } => format!(
+            "its SYNC0 never comes: the start time (0x0990) had passed, by now {} ago",
+            time((*ago).into())
+        ),
+        Breach::OtherSync0Cycle { wanted, found } => {
+            format!("its SYNC0 comes each {found} (0x09A0), and is to come each {wanted}")
+        }
+        Breach::OtherShift { wanted, found } => {
+            let side = if found.0 < 0 { "before" } else { "after" };
+            let found = time(found.abs());
+            format!("SYNC0 comes {found} {side} frames leave, and is to come {wanted} after (shift)")
+        }
+        Breach::Sync0Apart { from, by, limit } => {
+            let side = if by.0 > 0 { "after" } else { "before" };
+            format!(
+                "SYNC0 comes {} {side} that of SubDevice {from}, limit {limit}: start times (0x0990) do not fit",
+                by.abs()
+            )
+        }
+        Breach::OtherCycle { wanted, found } => {
+            format!("frames come each {found}, and are to come each {wanted}")
+        }
+        Breach::NoProcessData => {
+            "has no process data at all: nothing is assigned in 0x1C12 and 0x1C13".into()
+        }
+        Breach::NotCarried { outputs: true } => {
+            "no frame brings outputs to it: look at its FMMU".into()
+        }
+        Breach::NotCarried { outputs: false } => {
+            "no frame fetches its inputs: look at its FMMU".into()
+        }
+        Breach::SharedAddress { with, outputs, logical } => {
+            let what = if *outputs { "outputs" } else { "inputs" };
+            format!("its {what} are those of SubDevice {with}: both map logical byte {logical:#010X}")
+        }
+        Breach::WatchdogOff => {
+            "nothing guards its outputs: its process data watchdog is off (0x0420, or bit 6 of its SyncManager's control)"
+                .into()
+        }
+        Breach::TimeNotDistributed { gap, limit } => format!(
+            "the reference time was not distributed for {}: after {} clocks may be too far apart",
+            time((*gap).into()),
+            time((*limit).into())
+        ),
+        Breach::FramesSlide { per_second, half_cycle_after } => {
+            let way = if per_second.0 > 0 { "later" } else { "earlier" };
+            format!(
+                "frames come {} {way} each second, by half of a cycle in {}: the MainDevice does not follow the \
+                 reference clock",
+                time(per_second.abs().into()),
+                time((*half_cycle_after).into())
+            )
+        }
+        Breach::SeveralTalkers { frames } => {
+            format!("more than one MainDevice sends on this wire: {frames} frames are of another one")
+        }
+    }
+}
+
+/// Why a SubDevice runs in another mode, as far as its SYNC unit tells.
+fn why(wanted: SyncMode, found: SyncMode, activation: Option<u8>) -> String {
+    let Some(activation) = activation else { return String::new() };
+    let (sync0, sync1) = (SyncActivation::SYNC0, SyncActivation::SYNC1);
+    let active = activation & SyncActivation::ACTIVE != 0;
+    if wanted.uses_dc() && !(active && activation & sync0 != 0) {
+        format!(": SYNC0 is off (0x0981 = {activation:#04X})")
+    } else if wanted.uses_sync1() && activation & sync1 == 0 {
+        format!(": SYNC1 is off (0x0981 = {activation:#04X})")
+    } else if wanted.uses_dc() && !found.uses_dc() {
+        ": SYNC0 runs now, but it chose its mode on the way to SAFEOP, by the SYNC unit and 0x1C32:01 as they were then"
+            .into()
+    } else {
+        String::new()
+    }
+}

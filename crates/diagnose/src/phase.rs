@@ -37,8 +37,10 @@ pub(crate) struct Distance {
     /// The first and the last distance.
     pub first: Known<i64>,
     pub last: Known<i64>,
-    /// A moving mean of the last distances.
+    /// Where punctual frames lay last: a moving mean that follows early frames sooner than late ones.
     recent: i64,
+    /// Where frames have been for a long time.
+    home: i64,
     /// Frames whose distance was below 0 or not below the cycle, and the first of them.
     pub outside: u64,
     pub first_outside: Option<Known<i64>>,
@@ -59,6 +61,8 @@ struct Course {
     filled: u64,
 }
 
+/// Frames after which it is known where punctual ones lie.
+const LEARNING: u64 = 32;
 /// Parts of a course.
 const PARTS: usize = 16;
 
@@ -110,6 +114,7 @@ impl Distance {
             first: known,
             last: known,
             recent: ns,
+            home: ns,
             outside: 0,
             first_outside: None,
             sum: ns.into(),
@@ -124,9 +129,16 @@ impl Distance {
         // Takes the value nearest to the last few distances, so that frames that drift through the
         // cycle have continuous values. Hosts tend to be late rather than early: a frame counts as
         // late by at most three quarters of a cycle, or as early by at most one quarter.
-        let turns = (self.recent - ns + cycle / 4).div_euclid(cycle);
-        let ns = ns + turns * cycle;
-        self.recent += (ns - self.recent) / 4;
+        let near = |early: i64| ns + (self.recent - ns + early).div_euclid(cycle) * cycle;
+        // The first ones may have been late themselves. And after a time in which all were late, a
+        // frame where they have always been is punctual again.
+        let back = near(cycle / 2);
+        let is_home = (back - self.home).abs() < cycle / 8;
+        let ns = if self.count < LEARNING || is_home { back } else { near(cycle / 4) };
+        // The punctual ones tell where frames belong, also after many late ones.
+        self.recent += (ns - self.recent) / if ns > self.recent { 4 } else { 32 };
+        let weight = if self.count < LEARNING { 4 } else { 1024 };
+        self.home += (ns - self.home) / weight;
         let known = Known { value: ns, frame };
         self.count += 1;
         self.sum += i128::from(ns);
@@ -247,6 +259,33 @@ mod tests {
             let slid = |cycle, frames| cycle * 700_000 / frames;
             assert!(measured(frames, slid).slides(), "{frames} that slide");
         }
+    }
+
+    /// Where frames are late by up to 0.4 of a cycle, at times eight in a row by all of it, those
+    /// that are punctual again are not taken for later ones still.
+    #[test]
+    fn late_frames_do_not_move_where_frames_belong() {
+        let grid = Grid::new(1_000_000, 0).expect("a cycle");
+        let mut phases = Phases::default();
+        for cycle in 0..4000_u64 {
+            let late = if cycle % 100 < 8 { 400_000 } else { cycle * 104_729 % 400_000 };
+            phases.cyclic(&[grid], cycle * 1_000_000 + 480_000 + late, 60, 0, |_, _| {});
+        }
+        let distance = phases.of(grid).expect("measured");
+        assert_eq!(distance.outside, 0, "{:?}", distance.shortest);
+    }
+
+    /// Two hundred frames that are all late by 0.4 of a cycle, between punctual ones.
+    #[test]
+    fn frames_come_back_to_where_they_were() {
+        let grid = Grid::new(1_000_000, 0).expect("a cycle");
+        let mut phases = Phases::default();
+        for cycle in 0..2000_u64 {
+            let late = if (500..700).contains(&cycle) { 400_000 } else { 0 };
+            phases.cyclic(&[grid], cycle * 1_000_000 + 480_000 + late, 60, 0, |_, _| {});
+        }
+        let distance = phases.of(grid).expect("measured");
+        assert_eq!((distance.outside, distance.slides()), (0, false), "{:?}", distance.shortest);
     }
 
     #[test]

@@ -40,12 +40,15 @@ impl Scenario {
             Some(SyncMode::DcSubordinated) => device.sync0_cycle,
             _ => Some(own),
         };
+        // `shift` is that of the pulse at which outputs act. Where that is SYNC1, SYNC0 comes before.
+        let sync0_acts = |mode| matches!(mode, SyncMode::DcSync0 | SyncMode::DcShiftSync1);
+        let acts_on_sync0 = may_use_dc && free && mode.is_none_or(sync0_acts);
         DeviceClaims {
             operates: !device.optional,
             mode,
             sync0_cycle: sync0_cycle.filter(|_| may_use_dc && free),
-            shift: self.shift.filter(|_| may_use_dc && free),
-            in_phase: may_use_dc && free,
+            shift: self.shift.filter(|_| acts_on_sync0),
+            in_phase: acts_on_sync0,
             has_data: has_data(&device.profile),
             guarded: self.watchdog != Some(Nanos::ZERO) && asks_for_watchdog(&device.profile),
         }

@@ -221,9 +221,7 @@ fn watchdog(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Fi
 /// the device's process data are not in each of the frames that were measured.
 pub(crate) fn distance<'a>(observer: &'a Observer, device: &Device) -> Option<(i64, &'a Distance)> {
     let distance = observer.phases.of(device.sync.grid()?)?;
-    let frames = observer.cycle.by_clock.median()?;
-    let slower = distance.grid.cycle > frames + frames / 2;
-    if slower || !outputs_with_marker(observer, device) {
+    if is_slower(observer, distance) || !outputs_with_marker(observer, device) {
         return None;
     }
     Some((delay(observer, device)?, distance))
@@ -268,10 +266,16 @@ fn distances(place: usize, device: &Device, observer: &Observer, all: &mut Vec<F
     }
 }
 
+/// Whether the frames that begin cycles come several times in a cycle of this SYNC0: then each of
+/// them lies elsewhere in it.
+fn is_slower(observer: &Observer, distance: &Distance) -> bool {
+    let frames = observer.cycle.by_clock.median();
+    frames.is_none_or(|frames| distance.grid.cycle > frames + frames / 2)
+}
+
 fn slides(observer: &Observer, all: &mut Vec<Finding>) {
-    let Some(distance) = observer.phases.grids.iter().find(|distance| distance.slides()) else {
-        return;
-    };
+    let judged = |distance: &&Distance| !is_slower(observer, distance) && distance.slides();
+    let Some(distance) = observer.phases.grids.iter().find(judged) else { return };
     let cycle = distance.grid.cycle as i64;
     let way = distance.last.value - distance.first.value;
     let span = cycle as f64 * distance.count as f64;

@@ -142,6 +142,69 @@ fn bad_stamps_change_no_distance() {
     assert_eq!(report.verdict.kind, VerdictKind::InSync, "{}", report.text());
 }
 
+/// Nothing comes back any more: that is the loudest fault, however healthy all was before. The last
+/// frames of a capture may be under way.
+#[test]
+fn silence_to_the_end_is_a_fault() {
+    let (file, _) = built_in();
+    let all = Reading::of(&file).expect("a capture").frames;
+    let is_answer = |frame: &Frame| frame.bytes.get(6).is_some_and(|octet| octet & 2 != 0);
+    let answers: Vec<usize> = (0..all.len()).filter(|at| is_answer(&all[*at])).collect();
+    let without = |last: usize| {
+        let first = answers[answers.len() - last];
+        let cut = |at, frame: Frame| (at < first || !is_answer(&frame)).then_some(frame);
+        diagnosed(&changed(&file, cut))
+    };
+    let silent = |report: &DiagnoseReport| {
+        let mut found = report.findings.iter().filter(|one| one.kind == "silent-to-the-end");
+        found.next().map(|one| one.what.clone())
+    };
+    let first = (1..100).find_map(|last| Some((last, silent(&without(last))?)));
+    let (last, what) = first.expect("silence is found");
+    assert!(what.contains(" 8 cyclic frames"), "{last} frames without an answer: {what}");
+    let long = without(1_000);
+    assert_eq!(long.verdict.kind, VerdictKind::Found);
+    assert_eq!(faults(&long)[0], "silent-to-the-end", "{}", long.text());
+}
+
+/// The built-in segment's capture with each reading of AL status changed.
+fn with_states(change: impl Fn(&mut [u8])) -> DiagnoseReport {
+    let (file, _) = built_in();
+    let changed = changed(&file, |_, frame: Frame| {
+        let mut bytes = frame.bytes.to_vec();
+        for at in 16..bytes.len().saturating_sub(12) {
+            let reads = matches!(bytes[at], 1 | 4 | 7) && bytes[at + 4..at + 6] == [0x30, 0x01];
+            if reads && matches!(bytes[at + 6], 2 | 6) {
+                change(&mut bytes[at..at + 12]);
+            }
+        }
+        Some(Frame { bytes: bytes.into(), ..frame })
+    });
+    diagnosed(&changed)
+}
+
+#[test]
+fn a_device_that_stays_below_op_is_a_fault() {
+    let report = with_states(|datagram| {
+        if datagram[10..] == [8, 0] {
+            datagram[10] = 4;
+        }
+    });
+    assert_eq!(report.verdict.kind, VerdictKind::Found, "{}", report.text());
+    assert!(faults(&report).contains(&"stayed-below-op"), "{}", report.text());
+}
+
+/// Frames in time prove nothing while the state of the device is not known.
+#[test]
+fn a_device_that_was_not_read_in_op_is_not_in_sync() {
+    // The registers that are read are others.
+    let report = with_states(|datagram| datagram[4] = 0x40);
+    assert_eq!(faults(&report), [""; 0], "{}", report.text());
+    assert!(report.devices.iter().any(|device| device.distance.is_some()), "{}", report.text());
+    assert_eq!(report.verdict.kind, VerdictKind::NothingFound);
+    assert!(report.verdict.sentence.contains("was not read in OP"), "{}", report.verdict.sentence);
+}
+
 /// A capture that begins anywhere: no fault is made up, and what was before is told as unknown.
 #[test]
 fn captures_that_begin_in_the_middle() {

@@ -29,7 +29,8 @@ fn is_explained_by_mode(wanted: Option<SyncMode>, found: Option<SyncMode>) -> bo
     match (wanted, found) {
         (_, None) => false,
         (Some(wanted), Some(found)) => wanted != found,
-        (None, Some(found)) => !found.uses_dc() || found == SyncMode::DcSubordinated,
+        // SYNC0 is another one where outputs act on SYNC1.
+        (None, Some(found)) => !matches!(found, SyncMode::DcSync0 | SyncMode::DcShiftSync1),
     }
 }
 
@@ -62,10 +63,11 @@ pub(crate) fn shift(claims: &Claims, evidence: &Evidence, findings: &mut Finding
         let (Some(wanted), Some(cycle)) = (claim.shift, claim.sync0_cycle.or(claims.cycle)) else {
             continue;
         };
+        if is_explained_by_mode(claim.mode, seen.mode) {
+            continue;
+        }
         let Some(found) = seen.frame_to_sync0 else {
-            if !is_explained_by_mode(claim.mode, seen.mode) {
-                findings.unknown(Some(at));
-            }
+            findings.unknown(Some(at));
             continue;
         };
         let cycle = Picos::from(cycle).0;

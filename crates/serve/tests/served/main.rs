@@ -3,6 +3,7 @@
 
 mod acknowledge;
 mod bus;
+mod claims;
 mod core;
 mod expect;
 mod line;

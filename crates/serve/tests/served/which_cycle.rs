@@ -10,7 +10,7 @@ use isocat_wire::time::{Nanos, Picos, Time, True};
 /// SYNC1 comes 657 us behind the frame, and SYNC0 `sync1` before it.
 fn scenario(sync1: &str) -> Scenario {
     let text = format!(
-        "as_is = true\ncycle = \"1ms\"\nhop_jitter = false\nclocks = \"0ppm\"\ndrift_law = \"proportional\"\nshift = \"657us\"\n[[subdevice]]\ndevice = \"model_every_mode\"\nmode = \"dc-sync1\"\nsync1 = \"{sync1}\"\n"
+        "cycle = \"1ms\"\nhop_jitter = false\nclocks = \"0ppm\"\ndrift_law = \"proportional\"\nshift = \"657us\"\n[[subdevice]]\ndevice = \"model_every_mode\"\nmode = \"dc-sync1\"\nsync1 = \"{sync1}\"\n"
     );
     let file = SegmentFile::parse("a test", &text).expect("a segment");
     Scenario { force: true, ..Scenario::from(file) }

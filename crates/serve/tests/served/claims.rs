@@ -1,0 +1,90 @@
+//! What a segment file says is the reference for the MainDevice that operates its segment: each
+//! mistake of our own MainDevice is told by its kind and place, and a right one is in sync.
+
+use crate::line::Line;
+use isocat_segment::{Scenario, SegmentFile};
+use isocat_sync::SyncMode;
+use isocat_wire::time::Nanos;
+
+/// Two drives with SYNC0 and an I/O, and what else the file says.
+fn scenario(keys: &str) -> Scenario {
+    let drive = "[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nmode = \"dc-sync0\"\n";
+    let text = format!(
+        "cycle = \"1ms\"\nshift = \"600us\"\n{keys}\n{drive}{drive}[[subdevice]]\ndevice = \"simple_io16\"\n"
+    );
+    Scenario::from(SegmentFile::parse("a test", &text).expect("a segment"))
+}
+
+/// A MainDevice that works by `works_by` operates the segment of `meant` for 300 cycles; the kinds
+/// of what was found, each with its SubDevice.
+fn found(meant: &Scenario, works_by: &Scenario) -> Vec<(Option<usize>, &'static str)> {
+    let mut line = Line::with(meant, works_by.config());
+    line.bring_up();
+    line.run(Nanos(300 * works_by.cycle.0), |_| false);
+    let judged = line.server.judged().expect("judged");
+    let found = judged.all_findings();
+    found.map(|finding| (finding.place.device, finding.kind.name())).collect()
+}
+
+#[test]
+fn a_main_device_that_does_what_was_meant_is_in_sync() {
+    let meant = scenario("");
+    assert_eq!(found(&meant, &meant), []);
+}
+
+#[test]
+fn another_mode_is_told_though_it_runs_well() {
+    let mut works_by = scenario("");
+    works_by.devices[1].mode = Some(SyncMode::SmSynchronous);
+    assert_eq!(found(&scenario(""), &works_by), [(Some(1), "other-mode")]);
+}
+
+#[test]
+fn another_phase_is_told() {
+    let at = |us: i64| {
+        let mut works_by = scenario("");
+        works_by.shift = Some(Nanos::micros(us));
+        found(&scenario(""), &works_by)
+    };
+    assert_eq!((at(400), at(800)), (vec![], vec![]));
+    let both = [(Some(0), "other-shift"), (Some(1), "other-shift")];
+    assert_eq!((at(300), at(900)), (both.to_vec(), both.to_vec()));
+}
+
+#[test]
+fn another_cycle_is_told() {
+    let mut works_by = scenario("");
+    (works_by.cycle, works_by.shift) = (Nanos::millis(2), Some(Nanos::micros(600)));
+    let kinds = found(&scenario(""), &works_by);
+    let cycles = [(Some(0), "other-sync0-cycle"), (Some(1), "other-sync0-cycle")];
+    assert_eq!(kinds[0], (None, "other-cycle"), "{kinds:?}");
+    assert!(cycles.iter().all(|one| kinds.contains(one)), "{kinds:?}");
+}
+
+#[test]
+fn clocks_that_nothing_leads_are_told() {
+    let mut works_by = scenario("");
+    works_by.drift_compensation = false;
+    let kinds = found(&scenario("clocks = \"0ppm\""), &works_by);
+    assert!(kinds.contains(&(None, "time-not-distributed")), "{kinds:?}");
+}
+
+#[test]
+fn a_segment_as_it_is_makes_no_claims() {
+    let mut works_by = scenario("");
+    works_by.devices[1].mode = Some(SyncMode::SmSynchronous);
+    works_by.shift = Some(Nanos::micros(900));
+    assert_eq!(found(&scenario("as_is = true"), &works_by), []);
+}
+
+/// A mode that the file leaves open may be any, and its SYNC0 is still the one of the bus.
+#[test]
+fn what_the_file_leaves_open_is_no_claim() {
+    let mut meant = scenario("");
+    meant.devices.iter_mut().for_each(|device| device.asked.mode = None);
+    let mut works_by = scenario("");
+    works_by.devices[1].mode = Some(SyncMode::SmSynchronous);
+    assert_eq!(found(&meant, &works_by), []);
+    works_by.shift = Some(Nanos::micros(900));
+    assert_eq!(found(&meant, &works_by), [(Some(0), "other-shift")]);
+}

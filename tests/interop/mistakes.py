@@ -51,8 +51,7 @@ ELSEWHERE = {
     },
     "unassigned": {"SyncManager, FMMU, watchdog": "good sync0-never"},
     "coupler": {
-        "SYNC0 never, late, at the wrong device, off": "sync0-never sync0-first-only sync0-wrong-device sync-after-safeop "
-        "activate-no-cyclic",
+        "SYNC0 never, late, at the wrong device, off": "sync0-never sync0-first-only sync-after-safeop activate-no-cyclic",
         "cycle of SYNC0": "cycle-double cycle-1ns-more",
         "shift, start, phase of SYNC0": "shift-one-300us shift-one-5us start-past start-off-grid-one",
         "clocks": "offset-zero delay-5us offset-in-op",

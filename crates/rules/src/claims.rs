@@ -8,7 +8,7 @@ use isocat_wire::time::Nanos;
 /// The claims about a segment.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct Claims {
-    /// The bus cycle: the time from one cyclic frame to the next.
+    /// The time from one frame with process data to the next.
     pub cycle: Option<Nanos>,
     /// Largest distance between SYNC0 pulses that are to come at one instant.
     pub sync0_limit: Nanos,

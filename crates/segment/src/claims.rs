@@ -21,8 +21,11 @@ impl Scenario {
             true => DeviceClaims::default(),
             false => self.claims_of(device),
         };
+        // Process data come as often as the fastest device takes some.
+        let own = self.devices.iter().map(|device| device.cycle.unwrap_or(self.cycle));
+        let cycle = own.min().unwrap_or(self.cycle);
         Claims {
-            cycle: (!self.as_is).then_some(self.cycle),
+            cycle: (!self.as_is).then_some(cycle),
             sync0_limit: self.sync0_limit,
             devices: self.devices.iter().map(device).collect(),
         }

@@ -52,11 +52,18 @@ pub struct Conduct {
     pub cycle: CycleConduct,
 }
 
+/// A logical datagram: its command as in the frame, and its address.
+type Logical = (u8, u32);
+
 /// The rhythm of the cyclic exchange.
 #[derive(Clone, Debug, Default)]
 pub struct CycleConduct {
-    /// Logical address that marks the start of a cycle: the first one that was exchanged.
-    marker: Option<u32>,
+    /// Logical datagram that marks the start of a cycle, by command and address: the first one that
+    /// was exchanged, unless another one is far more frequent, as beside that of devices slower
+    /// than the bus.
+    marker: Option<Logical>,
+    /// The first logical datagrams, each with its number.
+    logical: [(Logical, u64); 8],
     last: Option<Time<True>>,
     /// Time from one cycle to the next, ps.
     pub intervals: Statistics,
@@ -151,7 +158,7 @@ impl Conduct {
         match header.command() {
             Ok(Command::Lrw | Command::Lrd | Command::Lwr) => {
                 seen.process_data = true;
-                seen.cycle |= *self.cycle.marker.get_or_insert(header.address) == header.address;
+                seen.cycle |= self.cycle.begins((header.command, header.address));
                 self.did(Deed::ProcessData, at);
             }
             Ok(Command::Frmw) if header.ado() == register::SYSTEM_TIME.address => {
@@ -250,6 +257,20 @@ impl CycleConduct {
     /// The longest time without a drift datagram between these instants.
     pub fn longest_drift_gap(&self, began: Time<True>, ended: Time<True>) -> Picos {
         self.drift_gap.max(ended - self.last_drift.map_or(began, |last| last.max(began)))
+    }
+
+    /// Counts a logical datagram; returns whether it marks the start of a cycle.
+    fn begins(&mut self, datagram: Logical) -> bool {
+        let marker = *self.marker.get_or_insert(datagram);
+        let is_its = |(other, count): &(Logical, u64)| *count == 0 || *other == datagram;
+        let Some(at) = self.logical.iter().position(is_its) else { return false };
+        self.logical[at] = (datagram, self.logical[at].1 + 1);
+        let of_marker = self.logical.iter().find(|(other, _)| *other == marker);
+        let of_marker = of_marker.map_or(0, |(_, count)| *count);
+        if self.logical[at].1 > of_marker + of_marker / 2 + 8 {
+            *self = Self { marker: Some(datagram), logical: self.logical, ..Self::default() };
+        }
+        self.marker == Some(datagram)
     }
 
     /// Restarts at the start of operation; only the marker of a cycle is kept.

@@ -739,7 +739,7 @@ impl Server {
             return;
         }
         if seen.cycle && session.judging {
-            let cycle = cycle_of(&self.served, &self.claims, &session.conduct);
+            let cycle = bus_cycle(&self.served, &self.claims, &session.conduct);
             let reached = self.served.system_time_ps(reference, at);
             session.conduct.cycle.reached(at, reached, cycle);
         }
@@ -943,6 +943,17 @@ fn cycle_of(served: &Served, claims: &Claims, conduct: &Conduct) -> Nanos {
         }
         cycle => Nanos::from_u32(cycle),
     }
+}
+
+/// The cycle of frames: the one that was meant, else that of the fastest SYNC unit, else that of
+/// the frames so far.
+fn bus_cycle(served: &Served, claims: &Claims, conduct: &Conduct) -> Nanos {
+    let sync0 = || {
+        let active = served.segment().devices().iter().filter(|device| device.esc.sync_active());
+        let cycles = active.map(|device| device.esc.register(register::SYNC0_CYCLE));
+        cycles.filter(|cycle| *cycle > 0).min().map(Nanos::from_u32)
+    };
+    claims.cycle.or_else(sync0).unwrap_or_else(|| cycle_of(served, claims, conduct))
 }
 
 #[cfg(test)]

@@ -32,6 +32,19 @@ fn a_main_device_that_does_what_was_meant_is_in_sync() {
     assert_eq!(found(&meant, &meant), []);
 }
 
+/// Frames come several times in a cycle of a slower drive, and slide in none.
+#[test]
+fn a_slower_drive_is_no_mistake() {
+    let drive = "[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nmode = \"dc-sync0\"\n";
+    for (first, second) in [(1, 4), (4, 1), (1, 2), (2, 1), (2, 4)] {
+        let text = format!(
+            "cycle = \"1ms\"\n{drive}cycle = \"{first}ms\"\n{drive}cycle = \"{second}ms\"\n"
+        );
+        let meant = Scenario::from(SegmentFile::parse("a test", &text).expect("a segment"));
+        assert_eq!(found(&meant, &meant), [], "{text}");
+    }
+}
+
 #[test]
 fn another_mode_is_told_though_it_runs_well() {
     let mut works_by = scenario("");

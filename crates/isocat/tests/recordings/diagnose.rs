@@ -178,7 +178,7 @@ fn with_states(change: impl Fn(&mut [u8])) -> DiagnoseReport {
                 change(&mut bytes[at..at + 12]);
             }
         }
-        Some(Frame { bytes: bytes.into(), ..frame })
+        Some(Frame { bytes, ..frame })
     });
     diagnosed(&changed)
 }

@@ -37,7 +37,8 @@ pub(crate) struct Distance {
     /// The first and the last distance.
     pub first: Known<i64>,
     pub last: Known<i64>,
-    /// Where punctual frames lay last: a moving mean that follows early frames sooner than late ones.
+    /// Where punctual frames lay last: a moving mean that follows early frames sooner than late
+    /// ones.
     recent: i64,
     /// Where frames have been for a long time.
     home: i64,

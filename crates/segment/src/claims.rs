@@ -43,7 +43,8 @@ impl Scenario {
             Some(SyncMode::DcSubordinated) => device.sync0_cycle,
             _ => Some(own),
         };
-        // `shift` is that of the pulse at which outputs act. Where that is SYNC1, SYNC0 comes before.
+        // `shift` is that of the pulse at which outputs act. Where that is SYNC1, SYNC0 comes
+        // before.
         let sync0_acts = |mode| matches!(mode, SyncMode::DcSync0 | SyncMode::DcShiftSync1);
         let acts_on_sync0 = may_use_dc && free && mode.is_none_or(sync0_acts);
         DeviceClaims {

@@ -42,7 +42,8 @@ Examples:
                                                    a copy with what was found as comments, for Wireshark
   isocat diagnose field.pcapng --json | jq '.findings[] | {kind, frame, what}'
 
-Exit code: 0 no fault was found, 1 a fault was found, 2 a capture can't be read or has no EtherCAT.";
+Exit code: 0 in sync as far as it shows; 1 a fault was found; 2 a capture can't be read or has no
+EtherCAT; 3 no fault was found, and whether devices were in sync is not known.";
 
 /// Arguments of `diagnose`.
 #[derive(Args, Debug)]

@@ -34,7 +34,8 @@ Examples:
   isocat virtual my.toml --seeds 100 --faults swarm --failed failed -- ./my_master vt0
 
 Exit code: 0 in sync, and the program ended with 0; 1 not in sync or not as expected; 2 bad input, or programs can't be
-supervised here; 3 not known, as no SubDevice was in OP; 4 nothing speaks against synchronization, but the program failed.";
+supervised here; 3 not known, as what was asked for OP did not come there; 4 the program failed, and nothing speaks
+against synchronization.";
 
 /// Arguments of `virtual`.
 #[derive(Args, Debug)]

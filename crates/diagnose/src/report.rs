@@ -111,8 +111,8 @@ impl DiagnoseReport {
             .zip(unseen)
             .find(|(device, unseen)| device.distance.is_some() && **unseen);
         let frames = measured.iter().map(|distance| distance.frames).max().unwrap_or(0);
-        let (kind, sentence) = match (faults.first(), frames) {
-            (Some(first), _) => {
+        let (kind, sentence) = match (faults.first(), frames, below) {
+            (Some(first), ..) => {
                 let more = match faults.len() - 1 {
                     0 => String::new(),
                     1 => "; one more fault was found".to_owned(),
@@ -122,14 +122,14 @@ impl DiagnoseReport {
                     format!("First at {}: {}{more}.", self.frame(first.frame), first.what);
                 (VerdictKind::Found, sentence)
             }
-            (None, 1..) if let Some((device, _)) = below => {
+            (None, 1.., Some((device, _))) => {
                 let sentence = format!(
                     "No fault was found; whether devices were in sync is not known: {} was not read in OP.",
                     device.title()
                 );
                 (VerdictKind::NothingFound, sentence)
             }
-            (None, 1..) => {
+            (None, 1.., None) => {
                 let least = measured.iter().map(|distance| distance.shortest_ns.value).min();
                 let sentence = format!(
                     "In sync as far as the capture shows it: {frames} cyclic frames came before their SYNC0 at {} devices, {} before it at least.",
@@ -138,7 +138,7 @@ impl DiagnoseReport {
                 );
                 (VerdictKind::InSync, sentence)
             }
-            (None, 0) => {
+            (None, 0, _) => {
                 let sentence = "No fault was found; whether devices were in sync is not known.";
                 (VerdictKind::NothingFound, sentence.to_owned())
             }

@@ -1,4 +1,4 @@
-/* A small MainDevice over port.h: it brings the first two SubDevices of the built-in segment, two drives, into OP with SYNC0, runs some
+/* A small MainDevice over port.h: it brings two drives into OP with SYNC0, runs some
  * cycles, and tells what the judges of the segment say of it.
  *
  *     main_device [CYCLES [SEGMENT.toml]]

@@ -34,10 +34,16 @@ static int64_t now(void)
     return (int64_t)ns;
 }
 
+/* What the program operates; a segment with more in it would have SubDevices that are not in OP. */
+static const char TWO_DRIVES[] = "cycle = \"1ms\"\n"
+                                 "[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nname = \"axis 1\"\nmode = \"dc-sync0\"\n"
+                                 "[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nname = \"axis 2\"\nmode = \"dc-sync0\"\n";
+
 int nic_setup(const char *path)
 {
     isocat_error *error = NULL;
-    isocat_code code = path ? isocat_segment_read(path, &segment, &error) : isocat_segment_built_in(&segment, &error);
+    isocat_code code = path ? isocat_segment_read(path, &segment, &error)
+                            : isocat_segment_parse((const uint8_t *)TWO_DRIVES, sizeof TWO_DRIVES - 1, "two drives", &segment, &error);
     if (failed(code, error))
         return -1;
     return failed(isocat_bus_new(segment, 1000000000, &bus, &error), error);

@@ -1,6 +1,5 @@
-"""A small MainDevice in Python over `Segment.bus`: it brings the first two devices of the built-in
-segment, two drives, into OP with SYNC0, runs some cycles, and tells what the judges say of it. No
-socket, no hardware, no waiting.
+"""A small MainDevice in Python over `Segment.bus`: it brings two drives into OP with SYNC0, runs
+some cycles, and tells what the judges say of it. No socket, no hardware, no waiting.
 
     python main_device.py [CYCLES]
 
@@ -171,10 +170,16 @@ def run(
         return bus.verdict(), missed
 
 
+def drives() -> isocat.Segment:
+    """What it operates. A segment with more in it would have devices that are not in OP."""
+    segment = isocat.Segment(cycle="1ms")
+    for name in ("axis 1", "axis 2"):
+        segment.add("kollmorgen_akd2g", name=name, mode="dc-sync0")
+    return segment
+
+
 if __name__ == "__main__":
-    verdict, missed = run(
-        isocat.Segment.built_in(), int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-    )
+    verdict, missed = run(drives(), int(sys.argv[1]) if len(sys.argv) > 1 else 1000)
     print(verdict)
     print(f"{missed} cycles incomplete: {verdict.answer}")
     sys.exit(0 if verdict.in_sync else 1)

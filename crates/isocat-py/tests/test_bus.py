@@ -137,8 +137,7 @@ def test_a_main_device_and_a_device_in_python(main_device: ModuleType) -> None:
             assert device.outputs == axis.outputs
             assert main.image[7:10] == b"\x11\x22\x33"
 
-    segment = isocat.Segment.built_in()
-    verdict, missed = main_device.run(segment, 40, each, {0: axis})
+    verdict, missed = main_device.run(main_device.drives(), 40, each, {0: axis})
     assert missed == 0 and verdict.answer == "in-sync", str(verdict)
     assert axis.cycles > 40 and axis.safe == 1
     # An answer of cycle n has what was sent some cycles before.

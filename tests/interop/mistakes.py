@@ -103,7 +103,7 @@ class Case:
         return f"elsewhere: {self.first}" if place and f"SubDevice {place} " not in self.first else ""
 
 
-def cases(only):
+def cases():
     for kind, mistakes in [*WRONG.items(), ("right", RIGHT)]:
         yield from (Case("axes", kind, mistake) for mistake in mistakes.split())
     for segment, kinds in ELSEWHERE.items():
@@ -121,7 +121,7 @@ def main():
     if not peers:
         return 77
     python = peers["pysoem"][0]
-    chosen = [case for case in cases(arguments.only)
+    chosen = [case for case in cases()
               if arguments.segment in (None, case.segment) and (not arguments.only or case.mistake in arguments.only)]
     table, failed = collections.defaultdict(lambda: [0, 0]), []
     with ThreadPoolExecutor(os.cpu_count()) as pool:

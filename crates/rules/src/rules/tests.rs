@@ -1,5 +1,6 @@
 //! Each rule: the mistake that it catches, the right case beside it, and missing evidence.
 
+use core::ops::Range;
 use std::vec;
 use std::vec::Vec;
 
@@ -30,6 +31,11 @@ fn claims() -> Claims {
     Claims { cycle: Some(CYCLE), sync0_limit: Nanos(1_000), devices }
 }
 
+/// The logical bits of one FMMU.
+fn one(bits: Range<u64>) -> Vec<Range<u64>> {
+    Vec::from_iter(Some(bits))
+}
+
 /// The same segment as it runs if all is right.
 fn evidence() -> Evidence {
     let drive = |at: u64| DeviceEvidence {
@@ -43,7 +49,7 @@ fn evidence() -> Evidence {
         frame_to_sync0: Some(Picos::from(SHIFT)),
         lengths: Some([6, 6]),
         exchanged: [Some(true); 2],
-        logical: Some([vec![at..at + 48], vec![at..at + 48]]),
+        logical: Some([one(at..at + 48), one(at..at + 48)]),
         guarded: Some(true),
     };
     let io = DeviceEvidence {
@@ -53,7 +59,7 @@ fn evidence() -> Evidence {
         activation: Some(0),
         lengths: Some([1, 0]),
         exchanged: [Some(true), None],
-        logical: Some([vec![96..104], vec![]]),
+        logical: Some([one(96..104), Vec::new()]),
         guarded: Some(true),
         ..DeviceEvidence::default()
     };

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Programs with one mistake each, and right ones beside them: what `isocat virtual` says of them by its exit code.
+"""Programs with one mistake each, and right ones beside them: what `isocat virtual` and `isocat diagnose --segment` say of them.
 
-Each program is mistakes_pysoem.py over a segment of tests/interop/mistakes/, with the name of its mistake. A wrong one must not end
-with exit code 0, a right one must, and where the mistake has a place the first line names it. Neither root nor an
-interface is needed.
+Each program is mistakes_pysoem.py over a segment of tests/interop/mistakes/, with the name of its mistake; `virtual` judges the run, and
+`diagnose` its capture. A wrong one must not end with exit code 0, a right one must, and where the mistake has a place the first line
+names it. Neither root nor an interface is needed.
 
     mistakes.py [--isocat PATH] [--segment NAME] [--only MISTAKE]...
 
@@ -15,6 +15,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -72,6 +73,8 @@ ELSEWHERE = {
 RIGHT_ELSEWHERE = {"ssc": RIGHT, "unassigned": "", "coupler": "good config-dc-twice half-gain", "line": "good sync-twice"}
 # The program gives up itself, by an exception of the library.
 GIVES_UP = {"sm-size"}
+# No frame shows them.
+UNSEEN = set("".split())
 
 
 class Case:
@@ -80,10 +83,17 @@ class Case:
         self.right = kind == "right"
 
     def run(self, isocat, python):
-        done = subprocess.run([isocat, "virtual", HERE / "mistakes" / f"{self.segment}.toml", "--json", "--", python, PROGRAM, self.mistake],
-                              capture_output=True, text=True)
+        segment = HERE / "mistakes" / f"{self.segment}.toml"
+        with tempfile.TemporaryDirectory(prefix="isocat-mistakes-") as folder:
+            capture = Path(folder) / "run.pcapng"
+            done = subprocess.run([isocat, "virtual", segment, "--json", "--capture", capture, "--", python, PROGRAM, self.mistake],
+                                  capture_output=True, text=True)
+            seen = subprocess.run([isocat, "diagnose", capture, "--segment", segment], capture_output=True, text=True)
         self.code = done.returncode
         self.first = next((line.strip() for line in done.stderr.splitlines() if line.startswith((" In sync", " Not "))), "")
+        self.diagnosed = seen.returncode
+        lines = (seen.stdout or seen.stderr).splitlines() + ["", ""]
+        self.sentence = " ".join(lines[:2])
         try:
             self.summary = json.loads(done.stdout.splitlines()[-1])
         except (IndexError, ValueError):
@@ -91,6 +101,18 @@ class Case:
         return self
 
     def wrong(self):
+        return self.wrongly_run() or self.wrongly_diagnosed()
+
+    def wrongly_diagnosed(self):
+        if self.diagnosed == 2:
+            return f"no diagnosis: {self.sentence}"
+        if self.right:
+            return "" if self.diagnosed == 0 else f"diagnose RED {self.diagnosed}: {self.sentence}"
+        if self.diagnosed == 0 and self.mistake.partition("@")[0] not in UNSEEN:
+            return "diagnose GREEN"
+        return ""
+
+    def wrongly_run(self):
         if self.code == 2 or not self.summary:
             return "could not be tried"
         if self.right:

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use isocat_wire::Command;
-use isocat_wire::al::AlControl;
+use isocat_wire::al::{AlControl, AlState};
 use isocat_wire::register;
 
 use crate::access::{Access, is_broadcast};
@@ -32,12 +32,27 @@ pub(crate) struct Device {
     pub differences: Differences,
     /// The last frame that addressed it alone.
     pub last: usize,
+    /// Changes of its clock's offset or delay while it was in OP.
+    pub clock_set: Log<ClockSet>,
+    /// Its process data were read or written by its address in operation, without an FMMU.
+    pub by_address: bool,
     /// Each time it stopped answering.
     pub silences: Log<Silence>,
     /// It answered once, and no longer does.
     silent: bool,
     /// The last frame that it answered.
     answered: Option<usize>,
+}
+
+/// A write to the offset or the delay of a clock that changed it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct ClockSet {
+    pub frame: usize,
+    pub at: Duration,
+    /// 0x0920 or 0x0928.
+    pub address: u16,
+    /// The change, ns; `None`: the value before is not in the capture.
+    pub by_ns: Option<i64>,
 }
 
 /// A time in which a device did not answer.
@@ -58,7 +73,33 @@ impl Device {
         self.states.forget(at);
         self.errors.forget();
         self.differences.worst = None;
+        self.clock_set = Log::new(MOST_SILENCES);
         self.silences = Log::new(MOST_SILENCES);
+    }
+
+    /// The offset and the delay of its clock, as far as they are known.
+    fn clock(&self) -> [Option<i64>; 2] {
+        let offset = self.image.latest(register::SYSTEM_TIME_OFFSET);
+        let delay = self.image.latest(register::SYSTEM_TIME_DELAY);
+        [offset.map(|known| known.value.cast_signed()), delay.map(|known| known.value.into())]
+    }
+
+    /// Writes `data` to its registers from `first` on.
+    pub fn write(&mut self, first: u16, data: &[u8], frame: usize, at: Duration) {
+        let of = [register::SYSTEM_TIME_OFFSET.address, register::SYSTEM_TIME_DELAY.address];
+        let end = usize::from(first) + data.len();
+        let meets = usize::from(of[0]) < end && first < of[1] + 4;
+        let in_op = || self.states.now().is_some_and(|now| now.state() == Ok(AlState::Op));
+        let before = (meets && in_op()).then(|| self.clock());
+        self.image.write(first, data, frame);
+        let Some(before) = before else { return };
+        for ((address, before), now) in of.into_iter().zip(before).zip(self.clock()) {
+            let written = usize::from(address) < end && first <= address;
+            let by_ns = before.zip(now).map(|(before, now)| now.wrapping_sub(before));
+            if written && by_ns != Some(0) {
+                self.clock_set.push(ClockSet { frame, at, address, by_ns });
+            }
+        }
     }
 
     /// Takes a datagram to this device alone that came back. The device is silent only if it does
@@ -215,6 +256,8 @@ impl Devices {
             errors: Errors::new(),
             differences: Differences::default(),
             last: frame,
+            clock_set: Log::new(MOST_SILENCES),
+            by_address: false,
             silences: Log::new(MOST_SILENCES),
             silent: false,
             answered: None,

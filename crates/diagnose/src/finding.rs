@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use isocat_rules::Breach;
 use isocat_sync::object::SyncType;
 use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
 use isocat_wire::mailbox::ErrorDetail;
@@ -57,12 +58,14 @@ macro_rules! kinds {
         #[derive(Clone, PartialEq, Debug)]
         pub(crate) enum Kind {
             $($(#[doc = $doc])+ $variant { $($field: $type),* },)*
+            /// Something is otherwise than it was meant.
+            Breached(Breach),
         }
 
         impl Kind {
             /// Its name in documents.
             pub fn name(&self) -> &'static str {
-                match self { $(Self::$variant { .. } => $name,)* }
+                match self { $(Self::$variant { .. } => $name,)* Self::Breached(breach) => breach.name() }
             }
 
             /// Its place in the list. Of two kinds shown by the same frame, the earlier one is the
@@ -73,11 +76,11 @@ macro_rules! kinds {
 
             /// How much it weighs.
             pub fn weight(&self) -> Weight {
-                match self { $(Self::$variant { .. } => Weight::$weight,)* }
+                match self { $(Self::$variant { .. } => Weight::$weight,)* Self::Breached(_) => Weight::Fault }
             }
         }
 
-        /// The names of all kinds.
+        /// The names of all kinds, without the breaches of the rulebook.
         pub const KINDS: &[&str] = &[$($name),*];
 
         /// The name of each kind, and what it means.
@@ -127,6 +130,8 @@ kinds! {
     CopyTimeNotKept { least_ns: i64, needed_ns: u64 } "copy-time-not-kept" Fault;
     /// A clock was read far from the reference in operation.
     ClocksApart { ns: u32 } "clocks-apart" Fault;
+    /// The offset (0x0920) or the delay (0x0928) of a clock was changed in operation.
+    ClockSet { address: u16, by_ns: Option<i64> } "clock-set" Fault;
     /// Error counters grew between two readings.
     ErrorsCounted { address: u16, by: u64, operating: bool } "errors-counted" Fault;
     /// A device left OP without a request in the capture.

@@ -4,6 +4,7 @@
 use std::time::Duration;
 
 use isocat_captures::pairing::{Seen, Tap};
+use isocat_rules::Ruling;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
 use isocat_wire::al::{AlControl, AlState};
 use isocat_wire::{ObjectAddress, PortNumber, register};
@@ -13,12 +14,15 @@ use crate::device::Device;
 use crate::finding::{Finding, Kind};
 use crate::known::Known;
 use crate::observer::Observer;
+use crate::talker::Talker;
 
+pub(crate) mod claims;
 pub(crate) mod cyclic;
 pub(crate) mod sync;
 
-/// All findings, gravest first, and each weight in the order of time.
-pub(crate) fn findings(observer: &Observer, tap: Tap) -> Vec<Finding> {
+/// All findings, gravest first, and each weight in the order of time. `ruling`: what the rulebook
+/// says.
+pub(crate) fn findings(observer: &Observer, tap: Tap, ruling: &Ruling) -> Vec<Finding> {
     let mut all = Vec::new();
     cyclic::judge(observer, tap.seen == Seen::Both, &mut all);
     sync::judge(observer, &mut all);
@@ -33,6 +37,7 @@ pub(crate) fn findings(observer: &Observer, tap: Tap) -> Vec<Finding> {
         sync_counters(place, device, &mut all);
     }
     talkers(observer, &mut all);
+    claims::judge(observer, ruling, &mut all);
     consequences(&mut all);
     all.sort_by_key(|finding| {
         let place = finding.order.unwrap_or(finding.frame);
@@ -215,13 +220,19 @@ fn sync_counters(place: usize, device: &Device, all: &mut Vec<Finding>) {
 
 /// More than one MainDevice at a time. It is no fault if one begins after another has ended.
 fn talkers(observer: &Observer, all: &mut Vec<Finding>) {
-    let mut talkers: Vec<_> =
-        observer.talkers.list.iter().filter(|one| one.turns >= LEAST_TURNS).collect();
-    talkers.sort_by_key(|talker| std::cmp::Reverse(talker.frames));
+    let talkers: Vec<_> = turns(observer).collect();
     let [first, other, ..] = talkers[..] else { return };
     let kind =
         Kind::AnotherTalker { first: first.address, other: other.address, frames: other.frames };
     all.push(Finding::new(kind, None, other.first).with([other.last]));
+}
+
+/// Talkers that took turns, the one with the most frames first.
+pub(crate) fn turns(observer: &Observer) -> impl Iterator<Item = &Talker> {
+    let mut talkers: Vec<_> =
+        observer.talkers.list.iter().filter(|one| one.turns >= LEAST_TURNS).collect();
+    talkers.sort_by_key(|talker| std::cmp::Reverse(talker.frames));
+    talkers.into_iter()
 }
 
 /// A device's synchronization type, by 0x1C32 or, without a type there, by 0x1C33.
@@ -256,7 +267,7 @@ pub(crate) fn reference(observer: &Observer) -> Option<usize> {
 
 /// Time within which a device that was asked for OP must have been seen there: a program may look
 /// seldom.
-const PATIENCE: Duration = Duration::from_millis(500);
+pub(crate) const PATIENCE: Duration = Duration::from_millis(500);
 /// How often the source of frames must change to a talker before it counts as talking at the same
 /// time as another.
 const LEAST_TURNS: u64 = 8;

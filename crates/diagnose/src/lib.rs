@@ -5,8 +5,9 @@
 //! (which devices there are) with `known` (registers), `sii` (identity), `state`, `mailbox`,
 //! `sync_unit` and `counters`; `clock` (drift frames), `cycle` (rhythm and working counters),
 //! `phase` (frames against SYNC0), `talker` (sources of frames). All of it is bounded, however long
-//! a capture is. At the end `judge` makes `finding`s with kinds of it; `words` turns them into
-//! sentences, and [`report`] into the document. [`Around`] reads the captures a second time and
+//! a capture is. At the end `judge` makes `finding`s with kinds of it, and with `evidence` the
+//! rulebook holds it against what was meant; `words` turns findings into sentences, and [`report`]
+//! into the document. [`Around`] reads the captures a second time and
 //! tells what happened in the frames around the first fault.
 //!
 //! [`live`] does the same for frames as they arrive.
@@ -14,11 +15,11 @@
 //! Nothing is guessed: what the capture does not show is reported as unknown.
 //!
 //! ```no_run
-//! use isocat_diagnose::{Diagnosis, Names};
+//! use isocat_diagnose::{Diagnosis, Given};
 //! let file = std::fs::File::open("field.pcapng")?;
 //! let mut diagnosis = Diagnosis::new();
 //! diagnosis.read("field.pcapng", file)?;
-//! let report = diagnosis.report(&Names::default())?;
+//! let report = diagnosis.report(&Given::default())?;
 //! println!("{}", report.verdict.sentence);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -30,6 +31,7 @@ mod clock;
 mod counters;
 mod cycle;
 mod device;
+mod evidence;
 mod files;
 mod finding;
 mod judge;
@@ -57,6 +59,7 @@ use isocat_captures::reading::{Frame, NoCapture, Reader, Tally};
 pub use around::Around;
 use files::Files;
 pub use finding::{KINDS, MEANINGS};
+use isocat_rules::Claims;
 pub use measured::{Grid, Measured, Onlooker};
 use observer::Observer;
 pub use report::DiagnoseReport;
@@ -70,13 +73,16 @@ pub struct Diagnosis {
     probe: Option<Probe>,
 }
 
-/// Names of devices, in addition to those in their EEPROMs.
-#[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub struct Names {
-    /// By position, as a segment file has them.
-    pub positions: Vec<String>,
-    /// By vendor id and product code, as descriptions have them.
+/// What is given beside the captures.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct Given {
+    /// Names of devices by position, as a segment file has them.
+    pub names: Vec<String>,
+    /// Names of devices by vendor id and product code, as descriptions have them. Devices without a
+    /// name have that of their EEPROM.
     pub identities: BTreeMap<(u32, u32), String>,
+    /// What the segment was meant to do.
+    pub claims: Option<Claims>,
 }
 
 /// Why a capture can't be diagnosed: it holds no EtherCAT frame.
@@ -183,15 +189,15 @@ impl Diagnosis {
     }
 
     /// Reports what was found. `Err`: no EtherCAT frame is in the captures.
-    pub fn report(self, names: &Names) -> Result<DiagnoseReport, Nothing> {
-        self.report_with(names, &mut |_| {})
+    pub fn report(self, given: &Given) -> Result<DiagnoseReport, Nothing> {
+        self.report_with(given, &mut |_| {})
     }
 
     /// Does the same as [`report`](Self::report), and calls `onlooker` with what is measured of the
     /// last cycles, which wait for their answers until then.
     pub fn report_with(
         mut self,
-        names: &Names,
+        given: &Given,
         onlooker: &mut Onlooker<'_>,
     ) -> Result<DiagnoseReport, Nothing> {
         self.pairing.end();
@@ -211,9 +217,7 @@ impl Diagnosis {
             });
         }
         let tap = self.pairing.tap();
-        let name =
-            |position: Option<u16>, vendor: u32, product: u32| names.of(position, vendor, product);
-        Ok(report::report(&self.files, &self.observer, pairs, tap, &name))
+        Ok(report::report(&self.files, &self.observer, pairs, tap, given))
     }
 
     fn observe(&mut self, onlooker: &mut Onlooker<'_>) {
@@ -225,9 +229,9 @@ impl Diagnosis {
     }
 }
 
-impl Names {
-    fn of(&self, position: Option<u16>, vendor: u32, product: u32) -> Option<String> {
-        let by_position = position.and_then(|position| self.positions.get(usize::from(position)));
+impl Given {
+    fn name(&self, position: Option<u16>, vendor: u32, product: u32) -> Option<String> {
+        let by_position = position.and_then(|position| self.names.get(usize::from(position)));
         by_position.or_else(|| self.identities.get(&(vendor, product))).cloned()
     }
 }

@@ -10,10 +10,12 @@ use std::time::Duration;
 
 use isocat_captures::pairing::{Seen, is_marked};
 use isocat_captures::reading::Frame;
+use isocat_rules::Breach;
 
 use crate::finding::{Finding, Kind, Weight};
+use crate::judge::claims;
 use crate::report::{self, FindingReport};
-use crate::{DiagnoseReport, Diagnosis, Names, Nothing, judge};
+use crate::{DiagnoseReport, Diagnosis, Given, Nothing, judge};
 
 /// A diagnosis that runs while frames arrive.
 #[derive(Debug)]
@@ -87,14 +89,15 @@ impl Live {
     }
 
     /// Faults that were not reported yet, in the order of the frames that show them.
-    pub fn news(&mut self, names: &Names) -> Vec<News> {
+    pub fn news(&mut self, given: &Given) -> Vec<News> {
         let settled = self.first.is_some_and(|first| self.now >= first + SETTLE);
         if settled && self.diagnosis.pairing.decide_early() {
             self.diagnosis.observe(&mut |_| {});
         }
         let Some(tap) = self.diagnosis.pairing.tap() else { return Vec::new() };
         let observer = &self.diagnosis.observer;
-        let mut findings = judge::findings(observer, tap);
+        let ruling = claims::rule(observer, given.claims.as_ref());
+        let mut findings = judge::findings(observer, tap, &ruling);
         findings.retain(|finding| {
             let later = finding.frame > self.since && is_fault(finding);
             later && !self.told.contains(&key(finding)) && self.is_news(finding)
@@ -105,8 +108,7 @@ impl Live {
         }
         findings.sort_by_key(|finding| finding.frame);
         let observer = &self.diagnosis.observer;
-        let name = |position, vendor, product| names.of(position, vendor, product);
-        let told = report::told(&self.diagnosis.files, observer, &findings, &name);
+        let told = report::told(&self.diagnosis.files, observer, &findings, given);
         let news = findings.iter().zip(told).map(|(from, finding)| News {
             symptom: symptom(&from.kind),
             frame: from.frame,
@@ -132,8 +134,8 @@ impl Live {
 
     /// Reports what was found since the last [`forget`](Self::forget). `Err`: no EtherCAT frame
     /// came.
-    pub fn report(self, names: &Names) -> Result<DiagnoseReport, Nothing> {
-        self.diagnosis.report(names)
+    pub fn report(self, given: &Given) -> Result<DiagnoseReport, Nothing> {
+        self.diagnosis.report(given)
     }
 
     /// Whether a frame is the first answer of devices after the tap was taken for one that sees
@@ -178,12 +180,16 @@ fn symptom(kind: &Kind) -> Symptom {
         | Kind::AlError { .. }
         | Kind::DevicesVanished { .. }
         | Kind::StayedBelow { .. }
-        | Kind::DeviceSilent {} => Symptom::State,
+        | Kind::DeviceSilent {}
+        | Kind::Breached(Breach::NotOperated { .. }) => Symptom::State,
         Kind::FramesLost { .. }
         | Kind::SilentToTheEnd { .. }
         | Kind::FramesDoubled { .. }
         | Kind::ErrorsCounted { .. }
-        | Kind::AnotherTalker { .. } => Symptom::Frames,
+        | Kind::AnotherTalker { .. }
+        | Kind::Breached(Breach::NotCarried { .. } | Breach::SeveralTalkers { .. }) => {
+            Symptom::Frames
+        }
         _ => Symptom::Sync,
     }
 }

@@ -4,12 +4,14 @@ use std::time::Duration;
 
 use isocat_captures::pairing::{Exchange, Seen, Tap};
 use isocat_wire::al::{AlControl, AlState, AlStatus, AlStatusCode};
+use isocat_wire::register::PROCESS_RAM;
 use isocat_wire::{Command, register};
 
 use crate::access::{Access, accesses, part, shows_answers};
 use crate::clock::Drift;
 use crate::cycle::Cycle;
 use crate::device::{Devices, Whom};
+use crate::evidence;
 use crate::known::{Known, Log};
 use crate::measured::{Measured, Onlooker};
 use crate::phase::{Grid, MOST_GRIDS, Phases};
@@ -292,10 +294,13 @@ impl Observer {
         if alone {
             device.last = access.frame;
             device.heard(access, at);
+            if operating && !device.by_address && first >= PROCESS_RAM {
+                device.by_address = evidence::is_process_data(device, first);
+            }
         }
         let written = access.written().filter(|_| access.taken() != Some(false));
         if let Some(data) = written {
-            device.image.write(first, data, access.frame);
+            device.write(first, data, access.frame, at);
             if let Some(control) = low_and_high(first, data, register::AL_CONTROL.address) {
                 device.states.ask(access.frame, at, AlControl(control));
             }

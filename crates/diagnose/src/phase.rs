@@ -5,7 +5,10 @@
 //! same time. So the distance from a frame to the next SYNC0 is known to the clock's 10 ns, however
 //! inaccurate the stamps of the capture are.
 
+use isocat_rules::evidence::Slide;
+use isocat_rules::trail::Trail;
 use isocat_wire::frame;
+use isocat_wire::time::Picos;
 
 use crate::known::Known;
 pub(crate) use crate::measured::Grid;
@@ -175,6 +178,13 @@ impl Distance {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Phases {
     pub grids: Vec<Distance>,
+    /// The course of the distances to the grid with the shortest cycle.
+    trail: Trail,
+    trailed: Option<Grid>,
+    /// The reference's system time at the first frame, ns.
+    since: Option<u64>,
+    /// How long the frames take from their first bit to their last, ns: the last one.
+    frame_ns: u64,
 }
 
 impl Phases {
@@ -188,7 +198,18 @@ impl Phases {
         frame: usize,
         mut told: impl FnMut(Grid, i64),
     ) {
-        let end = at.wrapping_add(frame::duration_ns(len));
+        self.frame_ns = frame::duration_ns(len);
+        let end = at.wrapping_add(self.frame_ns);
+        let shortest = || grids.iter().min_by_key(|grid| grid.cycle).copied();
+        self.trailed = self.trailed.or_else(shortest);
+        let since = at.wrapping_sub(*self.since.get_or_insert(at));
+        let mut told = |grid: Grid, ns: i64| {
+            if self.trailed == Some(grid) {
+                // A frame that comes later is nearer to SYNC0.
+                self.trail.take(since.saturating_mul(1_000), Picos(-ns * 1_000));
+            }
+            told(grid, ns);
+        };
         for grid in grids {
             let ns = grid.ahead(end) as i64;
             match self.grids.iter().position(|distance| distance.grid == *grid) {
@@ -200,6 +221,19 @@ impl Phases {
                 None => {}
             }
         }
+    }
+
+    /// How frames move against the reference clock. `None`: not known, or they come several times
+    /// in a cycle of each SYNC0.
+    pub fn slide(&self, cycle: u64) -> Option<Slide> {
+        let trailed = self.trailed.filter(|grid| grid.cycle <= cycle + cycle / 2)?;
+        self.of(trailed)?;
+        self.trail.slide()
+    }
+
+    /// From the first bit of a cyclic frame to its last, ns.
+    pub fn frame_ns(&self) -> i64 {
+        self.frame_ns as i64
     }
 
     /// The distances of one grid.

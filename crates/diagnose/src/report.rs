@@ -3,12 +3,13 @@
 use std::time::Duration;
 
 use isocat_captures::pairing::{Seen as TapSeen, Tally as Pairs, Tap};
+use isocat_rules::Ruling;
 
 use crate::access::shows_answers;
 use crate::files::Files;
 use crate::finding::{Finding, Sure, Weight};
 use crate::observer::Observer;
-use crate::{clock, cycle, judge, words};
+use crate::{Given, clock, cycle, judge, words};
 
 mod comments;
 mod device;
@@ -20,7 +21,7 @@ pub use device::*;
 pub use document::*;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-diagnose/1";
+pub const FORMAT: &str = "isocat-diagnose/2";
 
 /// JSON schema of the document, draft 2020-12.
 #[cfg(feature = "schema")]
@@ -34,13 +35,14 @@ pub(crate) fn report(
     observer: &Observer,
     pairs: Pairs,
     tap: Option<Tap>,
-    names: &dyn Fn(Option<u16>, u32, u32) -> Option<String>,
+    given: &Given,
 ) -> DiagnoseReport {
     let order = order(observer);
-    let findings = tap.map_or(Vec::new(), |tap| judge::findings(observer, tap));
+    let ruling = judge::claims::rule(observer, given.claims.as_ref());
+    let findings = tap.map_or(Vec::new(), |tap| judge::findings(observer, tap, &ruling));
     let builder = Builder { files, observer, order };
     let devices: Vec<DeviceReport> = (0..builder.order.len())
-        .map(|at| device::report(&builder, builder.order[at], names))
+        .map(|at| device::report(&builder, builder.order[at], given))
         .collect();
     let findings: Vec<FindingReport> =
         findings.iter().map(|finding| builder.finding(finding, &devices)).collect();
@@ -56,6 +58,7 @@ pub(crate) fn report(
         reach: builder.reach(),
         clock: builder.clock(),
         cycle: builder.cycle(),
+        claims: given.claims.as_ref().map(|_| claims_report(&ruling)),
         around: None,
         unknown: Vec::new(),
     };
@@ -63,8 +66,29 @@ pub(crate) fn report(
     report.unknown.extend(left_out(observer));
     let unseen = |place: &usize| observer.devices.list[*place].states.op.is_none();
     let unseen: Vec<bool> = builder.order.iter().map(unseen).collect();
-    report.verdict = report.judge(&unseen);
+    report.verdict = report.judge(&unseen, lacking(&ruling, given));
     report
+}
+
+/// The first claim without which nobody knows whether the segment is in sync as it was meant: that
+/// a SubDevice operates, has its mode, has SYNC0 with the others.
+fn lacking(ruling: &Ruling, given: &Given) -> Option<String> {
+    let decides = ["operates", "mode", "sync0-cycle", "in-phase"];
+    let unchecked = ruling.unchecked.iter().find(|one| decides.contains(&one.rule))?;
+    let name = unchecked.device.and_then(|at| given.names.get(at));
+    Some(match name {
+        Some(name) => format!("{} of {name}", unchecked.needs),
+        None => unchecked.needs.to_owned(),
+    })
+}
+
+fn claims_report(ruling: &Ruling) -> ClaimsReport {
+    let not_checked = ruling.unchecked.iter().map(|one| NotChecked {
+        position: one.device,
+        rule: one.rule,
+        needs: one.needs,
+    });
+    ClaimsReport { checked: ruling.checked, not_checked: not_checked.collect() }
 }
 
 /// Turns findings into their report.
@@ -72,12 +96,12 @@ pub(crate) fn told(
     files: &Files,
     observer: &Observer,
     findings: &[Finding],
-    names: &dyn Fn(Option<u16>, u32, u32) -> Option<String>,
+    given: &Given,
 ) -> Vec<FindingReport> {
     let builder = Builder { files, observer, order: order(observer) };
     let places = builder.order.iter();
     let devices: Vec<DeviceReport> =
-        places.map(|place| device::report(&builder, *place, names)).collect();
+        places.map(|place| device::report(&builder, *place, given)).collect();
     findings.iter().map(|finding| builder.finding(finding, &devices)).collect()
 }
 
@@ -98,8 +122,9 @@ impl DiagnoseReport {
         self.verdict.kind == VerdictKind::Found
     }
 
-    /// The verdict. `unseen`: by device, whether it was never read in OP.
-    fn judge(&self, unseen: &[bool]) -> Verdict {
+    /// The verdict. `unseen`: by device, whether it was never read in OP. `lacking`: what is not
+    /// known though it was claimed.
+    fn judge(&self, unseen: &[bool], lacking: Option<String>) -> Verdict {
         let faults: Vec<&FindingReport> =
             self.findings.iter().filter(|one| one.weight == WeightKind::Fault).collect();
         let measured: Vec<&Distance> =
@@ -126,6 +151,13 @@ impl DiagnoseReport {
                 let sentence = format!(
                     "No fault was found; whether devices were in sync is not known: {} was not read in OP.",
                     device.title()
+                );
+                (VerdictKind::NothingFound, sentence)
+            }
+            (None, _, None) if lacking.is_some() => {
+                let sentence = format!(
+                    "No fault was found; whether devices were in sync as they are meant to is not known: the capture does not show {}.",
+                    lacking.unwrap_or_default()
                 );
                 (VerdictKind::NothingFound, sentence)
             }

@@ -4,6 +4,7 @@ use isocat_descriptions::quantity::time;
 use isocat_sync::explain::{aborts, al_codes, objects};
 use isocat_sync::object;
 use isocat_wire::al::{AlStatus, AlStatusCode};
+use isocat_wire::register;
 
 use crate::counters;
 use crate::finding::Kind;
@@ -12,6 +13,18 @@ use crate::finding::Kind;
 /// device by its place.
 pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> String {
     match kind {
+        Kind::Breached(breach) => format!("{subject}: {breach}"),
+        Kind::ClockSet { address, by_ns } => {
+            let by = by_ns.map_or(String::new(), |by| {
+                let sign = if by < 0 { "-" } else { "" };
+                format!(" by {sign}{}", ns(by.unsigned_abs()))
+            });
+            let what =
+                if *address == register::SYSTEM_TIME_DELAY.address { "delay" } else { "offset" };
+            format!(
+                "the {what} of the clock of {subject} ({address:#06x}) was changed{by} in operation"
+            )
+        }
         Kind::LeftOp { to, code } => {
             format!("{subject} left OP for {} without a request", with_code(*to, *code))
         }
@@ -203,6 +216,7 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         entry.map(|entry| entry.change.iter().map(|one| (*one).to_owned()).collect::<Vec<_>>())
     };
     let own: &[&str] = match kind {
+        Kind::Breached(breach) => breach.remedies(),
         Kind::LeftOp { code, .. }
         | Kind::AlError { code, .. }
         | Kind::ErrorFromBefore { code, .. } => match of_code(code) {
@@ -264,6 +278,9 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         ],
         Kind::CycleBelowMinimum { .. } => {
             &["take a longer cycle", "let the device have a slower cycle of its own"]
+        }
+        Kind::ClockSet { .. } => {
+            &["leave offset and delay alone while SYNC0 runs: drift frames keep the clock"]
         }
         Kind::StartInPast { .. } => &[
             "read the reference's system time just before, and take a start time 100 ms later",

@@ -4,13 +4,13 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::PathBuf;
 
-use isocat::diagnose::{Around, DiagnoseReport, Diagnosis as Reader, Names};
+use isocat::diagnose::{Around, DiagnoseReport, Diagnosis as Reader, Given};
 use isocat::html::diagnose::Diagnosed;
 use isocat::html::diagnose::figures::Figures;
 use isocat_descriptions::esi::EsiFile;
 use pyo3::prelude::*;
 
-use crate::error::{Class, Failure};
+use crate::error::{Class, Failure, OrRaise};
 use crate::plan::plain;
 use crate::report::frame;
 use crate::segment::Segment;
@@ -125,7 +125,8 @@ enum Wrong {
 /// *captures : str or os.PathLike
 ///     pcapng or pcap; several captures are read as one, in their order.
 /// segment : Segment or str or os.PathLike, optional
-///     Source of the devices' names, by position.
+///     The devices, by position: their names, and what they are meant to do (with ``as_is = true``
+///     in the file their names alone).
 /// esi : list of str or os.PathLike
 ///     Makers' descriptions, as source of the names of types.
 ///
@@ -150,29 +151,31 @@ pub fn diagnose(
     if captures.is_empty() {
         return Err(Failure::argument("captures", "none", "one file or more").raise(py));
     }
-    let positions = match segment {
-        None => Vec::new(),
+    let mut given = match segment {
+        None => Given::default(),
         Some(segment) => {
             let class = py.get_type::<Segment>();
             let segment = match segment.is_instance_of::<Segment>() {
                 true => segment.clone(),
                 false => class.call1((segment,))?,
             };
-            segment.getattr("names")?.extract()?
+            let described = segment.cast::<Segment>()?.get().described();
+            let scenario = described.scenario().or_raise(py)?;
+            let names = scenario.devices.iter().map(|device| device.name.clone()).collect();
+            Given { names, claims: Some(scenario.claims()), ..Given::default() }
         }
     };
     let made = interruptible(py, move |stop| {
-        let mut names = Names { positions, ..Names::default() };
         for path in &esi {
             let file = EsiFile::read(&path.display().to_string())
                 .map_err(|error| Wrong::Other(error.into()))?;
             for device in &file.devices {
                 let Some(product) = device.product_code else { continue };
-                names.identities.insert((file.vendor_id, product), device.type_name.clone());
+                given.identities.insert((file.vendor_id, product), device.type_name.clone());
             }
         }
         let mut figures = Figures::default();
-        let report = read(&captures, &names, &mut figures, stop)?;
+        let report = read(&captures, &given, &mut figures, stop)?;
         let paths: Vec<String> = captures.iter().map(|path| path.display().to_string()).collect();
         Ok(Diagnosis { report, figures, command: format!("isocat diagnose {}", paths.join(" ")) })
     })?;
@@ -184,7 +187,7 @@ pub fn diagnose(
 
 fn read(
     captures: &[PathBuf],
-    names: &Names,
+    given: &Given,
     figures: &mut Figures,
     stop: &Stop,
 ) -> Result<DiagnoseReport, Wrong> {
@@ -201,7 +204,7 @@ fn read(
             Wrong::Other(Failure { place: Some(name), ..failure })
         })?;
     }
-    let report = reader.report_with(names, &mut |one| figures.push(one));
+    let report = reader.report_with(given, &mut |one| figures.push(one));
     let mut report = report.map_err(|nothing| {
         let names: Vec<String> = captures.iter().map(|path| path.display().to_string()).collect();
         Wrong::Other(Failure::new(Class::Input, format!("{}: {nothing}", names.join(", "))))

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use isocat_captures::pairing::Seen;
 use isocat_captures::reading::Frame;
-use isocat_diagnose::Names;
+use isocat_diagnose::Given;
 use isocat_diagnose::live::{Live, Symptom};
 use isocat_recorders::flight::{FlightRecorder, Limits, Reason, Told};
 use serde_json::{Value, json};
@@ -72,8 +72,8 @@ pub struct Wanted {
     pub limits: Limits,
     /// The incidents that trigger a file.
     pub on: Vec<On>,
-    /// Names of the devices.
-    pub names: Names,
+    /// Names of the devices, and what they are meant to do.
+    pub given: Given,
 }
 
 /// Keeps frames, judges them, and triggers files.
@@ -133,7 +133,7 @@ impl Guard {
             let what = "SIGUSR1 asked for it".to_owned();
             self.happened(now, None, Reason { kind: "signal", what });
         }
-        for news in self.live.news(&self.wanted.names) {
+        for news in self.live.news(&self.wanted.given) {
             self.found = true;
             if self.wanted.on.contains(&On::of(news.symptom)) {
                 let (kind, what) = (news.finding.kind, news.finding.what);

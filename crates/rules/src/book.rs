@@ -110,7 +110,7 @@ pub const RULES: &[Rule] = &[
     Rule {
         name: "in-phase",
         claims: "SYNC0 of SubDevices with the same cycle and shift comes at one instant",
-        needs: "the phase of SYNC0",
+        needs: "the phase of SYNC0, by a clock that is known to follow the reference",
         check: rules::sync::in_phase,
     },
     Rule {

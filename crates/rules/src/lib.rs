@@ -6,8 +6,8 @@
 //!    capture from its frames. What a door cannot know stays `None`.
 //! 3. [`book`] has the rules as data. Each is a function from claims and evidence to what it found;
 //!    it says which evidence it lacks instead of passing. [`judge`] runs all of them.
-//! 4. [`breach`] has the kinds of what they find. [`kind`] is how kinds of findings are declared
-//!    anywhere in the project: a name, a meaning, figures.
+//! 4. [`breach`] has the kinds of what they find, and a breach prints as a sentence. [`kind`] is
+//!    how kinds of findings are declared anywhere in the project: a name, a meaning, figures.
 //!
 //! A rule knows no formula of the planner: it compares what was wished with what was seen.
 #![no_std]
@@ -23,6 +23,8 @@ pub mod claims;
 pub mod evidence;
 pub mod kind;
 mod rules;
+pub mod trail;
+mod words;
 
 pub use book::{Breached, Rule, Ruling, Unchecked, judge};
 pub use breach::Breach;

@@ -2,13 +2,13 @@
 //! its cycle, and the phase of its frames in the cycle.
 
 use isocat_rules::evidence::Slide;
+use isocat_rules::trail::Trail;
 use isocat_sim::Statistics;
 use isocat_wire::datagram::{Header, Layout, Layouts, datagrams};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlState, Command, frame, register};
 
 use super::deed::Deed;
-use crate::trail::Trail;
 
 /// The times at which a step was taken, and how often.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -246,7 +246,7 @@ impl CycleConduct {
         let unwrapped = offset + turns * cycle;
         self.recent_phase += (unwrapped - self.recent_phase) / 4;
         self.phase.push(unwrapped as i64);
-        self.trail.take(at, unwrapped as i64);
+        self.trail.take(at.count(), Picos(unwrapped as i64));
     }
 
     /// How frames move through the cycle of the reference clock; `None` if there are too few.

@@ -32,7 +32,6 @@ pub mod status;
 pub mod summary;
 mod taps;
 mod text;
-mod trail;
 pub mod verdict;
 
 pub use bus::Bus;

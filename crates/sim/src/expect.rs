@@ -87,7 +87,7 @@ pub enum Found {
     NoEdge,
     /// There is no plant.
     NoPlant,
-    /// No planned fault can happen here, so there is nothing to recover from.
+    /// No planned fault can happen here, or all fell before operation, so nothing was tested.
     NoFault,
     /// The first findings are no longer kept.
     Forgotten,
@@ -138,6 +138,11 @@ impl Expectation {
         if let Self::InSync(expected) = self {
             let count = evidence.findings.len();
             let is_in_sync = count == 0 && evidence.course.is_some();
+            if let Some(course) = evidence.course.filter(|_| is_in_sync && expected)
+                && let Some(found) = untested(course, evidence)
+            {
+                return (false, found);
+            }
             let found = match evidence.course {
                 None => Found::NeverInOperation,
                 Some(_) if is_in_sync => Found::AsExpected,
@@ -161,6 +166,19 @@ impl Expectation {
             Self::SafeWithin(limit) => safe_within(limit, course),
         }
     }
+}
+
+/// Why a run in which nothing went wrong shows nothing: what was planned to happen did not yet, or
+/// all of it fell before operation.
+fn untested(course: &Course, evidence: &Evidence<'_>) -> Option<Found> {
+    if evidence.is_to_come {
+        return Some(Found::RunEnded);
+    }
+    let mut happened = evidence.happened.iter().peekable();
+    happened.peek()?;
+    let lasts = |one: &Happened| one.begins && one.lasts.is_none() && one.fault.can_end();
+    let is_over = |one: &&Happened| one.at < course.began() && !lasts(one);
+    happened.all(|happened| is_over(happened)).then_some(Found::NoFault)
 }
 
 fn in_sync_at(when: When, course: &Course, end: Time<True>) -> (bool, Found) {
@@ -310,6 +328,14 @@ mod tests {
         assert!(within(40, &[300, 500]) && !within(39, &[300, 500]));
         // Faults and signs after the end of the run are unknown.
         assert!(within(1_500, &[500]) && !within(1_501, &[500]));
+    }
+
+    /// Nothing goes wrong where nothing happens, or all that does falls before operation.
+    #[test]
+    fn what_tests_nothing_is_not_met() {
+        let course = course(&[]);
+        let in_sync = |faults: &[u64]| met(Expectation::InSync(true), &course, faults);
+        assert_eq!([&[][..], &[50], &[99, 100], &[100]].map(in_sync), [true, false, true, true]);
     }
 
     #[test]

@@ -1,11 +1,13 @@
 //! Clocks, SYNC units, and the distance from frames to SYNC0.
 
+use std::time::Duration;
+
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
 use isocat_wire::al::AlState;
 use isocat_wire::{ObjectAddress, register};
 
 use super::cyclic::share;
-use super::{delay, mode, reference};
+use super::{MOST_FRAMES, delay, mode, reference};
 use crate::device::Device;
 use crate::finding::{Finding, Kind};
 use crate::observer::Observer;
@@ -17,6 +19,7 @@ pub(super) fn judge(observer: &Observer, all: &mut Vec<Finding>) {
         started(place, device, all);
         modes(place, device, all);
         differences(place, device, all);
+        clock_set(place, device, observer, all);
         minimum(place, device, all);
         mismatch(place, device, observer, all);
         forgotten(place, device, observer, all);
@@ -31,32 +34,48 @@ fn any_sync(observer: &Observer) -> bool {
     observer.devices.list.iter().any(|device| device.sync.is_on())
 }
 
-fn drift_frames(observer: &Observer, all: &mut Vec<Finding>) {
-    let Some(operation) = observer.operation.filter(|_| any_sync(observer)) else { return };
+/// The longest time without a drift frame in operation.
+#[derive(Clone, Copy)]
+pub(crate) struct DriftGap {
+    pub ns: u64,
+    /// The frame that shows it, and when that was.
+    frame: usize,
+    at: Option<Duration>,
+    /// No drift frame came at all.
+    never: bool,
+}
+
+/// The longest time without a drift frame in operation; `None`: no clock is to be kept, or it is
+/// not known.
+pub(crate) fn drift_gap(observer: &Observer) -> Option<DriftGap> {
+    let operation = observer.operation.filter(|_| any_sync(observer))?;
     let end = observer.left.map_or(observer.now, |left| left.value);
-    let span = end.saturating_sub(operation.value).as_nanos();
+    let span = end.saturating_sub(operation.value);
+    let whole = |of: Duration| u64::try_from(of.as_nanos()).unwrap_or(u64::MAX);
     let Some(last) = observer.drift.last else {
-        if span > DRIFT_PAUSE_NS {
-            all.push(
-                Finding::new(Kind::NoDriftFrames {}, None, operation.frame).at(operation.value),
-            );
-        }
-        return;
+        let (frame, at) = (operation.frame, Some(operation.value));
+        return Some(DriftGap { ns: whole(span), frame, at, never: true });
     };
-    if observer.drift.recent == 0 && span <= DRIFT_PAUSE_NS {
-        return;
+    if observer.drift.recent == 0 && whole(span) <= DRIFT_PAUSE_NS {
+        return None;
     }
-    let rest = end.saturating_sub(last.value.max(operation.value)).as_nanos();
-    let longest = observer.drift.gap.map_or(0, |gap| gap.value.as_nanos());
-    let gap_ns = longest.max(rest);
-    if gap_ns > DRIFT_PAUSE_NS {
-        let kind = Kind::DriftFramesStopped { gap_ns: gap_ns as u64 };
-        let (frame, at) = match observer.drift.gap.filter(|_| longest >= rest) {
-            Some(gap) => (gap.frame, None),
-            None => (last.frame, Some(last.value)),
-        };
-        all.push(Finding { at, ..Finding::new(kind, None, frame) });
+    let rest = end.saturating_sub(last.value.max(operation.value));
+    match observer.drift.gap.filter(|gap| gap.value >= rest) {
+        Some(gap) => {
+            Some(DriftGap { ns: whole(gap.value), frame: gap.frame, at: None, never: false })
+        }
+        None => {
+            let (frame, at) = (last.frame, Some(last.value));
+            Some(DriftGap { ns: whole(rest), frame, at, never: false })
+        }
     }
+}
+
+fn drift_frames(observer: &Observer, all: &mut Vec<Finding>) {
+    let gap = drift_gap(observer).filter(|gap| gap.ns > DRIFT_PAUSE_NS);
+    let Some(DriftGap { ns: gap_ns, frame, at, never }) = gap else { return };
+    let kind = if never { Kind::NoDriftFrames {} } else { Kind::DriftFramesStopped { gap_ns } };
+    all.push(Finding { at, ..Finding::new(kind, None, frame) });
 }
 
 /// Judges the moment at which SYNC was switched on.
@@ -114,6 +133,16 @@ fn differences(place: usize, device: &Device, all: &mut Vec<Finding>) {
         let kind = Kind::ClocksApart { ns: worst.value.magnitude() };
         all.push(Finding::new(kind, Some(place), worst.frame));
     }
+}
+
+/// A clock that is set anew jumps, and SYNC0 with it.
+fn clock_set(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let jumps = |by: Option<i64>| by.is_none_or(|by| by.unsigned_abs() > APART_NS.into());
+    let mut set = device.clock_set.kept.iter().filter(|set| jumps(set.by_ns));
+    let Some(first) = set.next().filter(|_| any_sync(observer)) else { return };
+    let kind = Kind::ClockSet { address: first.address, by_ns: first.by_ns };
+    let finding = Finding::new(kind, Some(place), first.frame).at(first.at);
+    all.push(finding.with(set.map(|more| more.frame).take(MOST_FRAMES)));
 }
 
 /// The local cycle that the SYNC unit gives the device, ns: that of SYNC1 if SYNC1 is on.
@@ -220,11 +249,18 @@ fn watchdog(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Fi
 /// number is how much shorter they are than at the reference, ns. `None`: they are not known, or
 /// the device's process data are not in each of the frames that were measured.
 pub(crate) fn distance<'a>(observer: &'a Observer, device: &Device) -> Option<(i64, &'a Distance)> {
-    let distance = observer.phases.of(device.sync.grid()?)?;
-    if is_slower(observer, distance) || !outputs_with_marker(observer, device) {
+    let distance = measured(observer, device)?;
+    if !outputs_with_marker(observer, device) {
         return None;
     }
     Some((delay(observer, device)?, distance))
+}
+
+/// The distances from the last bit of cyclic frames at the reference to SYNC0 of a device. `None`:
+/// they are not known, or frames come several times in a cycle of this SYNC0.
+pub(crate) fn measured<'a>(observer: &'a Observer, device: &Device) -> Option<&'a Distance> {
+    let distance = observer.phases.of(device.sync.grid()?)?;
+    (!is_slower(observer, distance)).then_some(distance)
 }
 
 /// Whether the frame that begins a cycle holds the outputs of a device, or its inputs if it has no
@@ -286,11 +322,11 @@ fn slides(observer: &Observer, all: &mut Vec<Finding>) {
 }
 
 /// Cycles from which on their length is judged.
-const LEAST_CYCLES: u64 = 20;
+pub(crate) const LEAST_CYCLES: u64 = 20;
 /// Fraction of the longer cycle by which it may miss a multiple of the shorter one: 5 %.
 const MISMATCH: u64 = 20;
 /// Difference from the reference clock above which it is reported, ns.
-const APART_NS: u32 = 1_000;
+pub(crate) const APART_NS: u32 = 1_000;
 /// Pause of drift frames above which it is reported, ns: clocks of 50 ppm drift apart by 5 us in
 /// it.
-const DRIFT_PAUSE_NS: u128 = 100_000_000;
+const DRIFT_PAUSE_NS: u64 = 100_000_000;

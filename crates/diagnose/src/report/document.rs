@@ -32,6 +32,8 @@ pub struct DiagnoseReport {
     pub clock: Option<ClockReport>,
     /// The cyclic exchange; null if there is none.
     pub cycle: Option<CycleReport>,
+    /// How far what was meant could be checked; null without a segment file.
+    pub claims: Option<ClaimsReport>,
     /// What happened around the first fault; null if there is no fault, or it was not asked for.
     pub around: Option<AroundReport>,
     /// What the capture does not show.
@@ -191,6 +193,28 @@ pub struct FindingReport {
     pub evidence: Vec<FrameRef>,
     /// What to do, likeliest first.
     pub remedies: Vec<String>,
+}
+
+/// What was held against the claims of a segment file.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
+pub struct ClaimsReport {
+    /// Number of claims that were checked; those that do not hold are among the findings.
+    pub checked: usize,
+    /// Claims that could not be checked.
+    pub not_checked: Vec<NotChecked>,
+}
+
+/// A claim that could not be checked.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
+pub struct NotChecked {
+    /// Position of the SubDevice; null: the claim is about the segment.
+    pub position: Option<usize>,
+    /// Name of the rule.
+    pub rule: &'static str,
+    /// What the capture does not show.
+    pub needs: &'static str,
 }
 
 /// What happened in the frames around the first fault.

@@ -38,6 +38,7 @@ impl DiagnoseReport {
         for line in wrap(&self.verdict.sentence, WIDTH) {
             writeln!(out, "{style}{line}{style:#}")?;
         }
+        self.write_claims(out)?;
         self.write_captures(out)?;
         self.write_findings(out)?;
         self.write_around(out)?;
@@ -53,6 +54,14 @@ impl DiagnoseReport {
             }
         }
         Ok(())
+    }
+
+    fn write_claims(&self, out: &mut String) -> fmt::Result {
+        let Some(claims) = &self.claims else { return Ok(()) };
+        let not = claims.not_checked.len();
+        let rest = if not == 0 { String::new() } else { format!(", {not} could not be") };
+        let what = format!("{} claims about the segment were checked{rest}", claims.checked);
+        writeln!(out, "{QUIET}{what}{QUIET:#}")
     }
 
     fn write_captures(&self, out: &mut String) -> fmt::Result {

@@ -129,7 +129,7 @@ fn found(found: &Found, zero: Time<True>, name: &impl Fn(usize) -> String) -> St
         Found::BeforeOperation => "that was before operation began".to_owned(),
         Found::NoEdge => "no SYNC0 edge was measured".to_owned(),
         Found::NoPlant => "there are no plants here".to_owned(),
-        Found::NoFault => "nothing happened in operation from which it had to recover".to_owned(),
+        Found::NoFault => "nothing happened in operation that would have tested it".to_owned(),
         Found::Forgotten => {
             "there were more sessions than are kept, so the first ones are forgotten".to_owned()
         }

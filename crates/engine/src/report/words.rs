@@ -2,8 +2,6 @@
 //!
 //! These sentences are for people only. Programs, diagnoses and pages use the kind.
 
-mod breach;
-
 use isocat_maindevice::SegmentChange;
 use isocat_sim::{Judged, Kind};
 use isocat_wire::time::{Nanos, Picos};
@@ -41,7 +39,7 @@ pub fn what(kind: &Kind, family: Family) -> String {
     match kind {
         Kind::Judged(kind) => judged(kind, family),
         Kind::Change(change) => change.to_string(),
-        Kind::Breach(kind) => breach::breach(kind),
+        Kind::Breach(breach) => breach.to_string(),
     }
 }
 

@@ -29,7 +29,7 @@ pub struct Ran {
     pub wrong: Vec<(Mistake, String)>,
 }
 
-pub fn run(Drawn { text, recovers }: Drawn) -> Fate {
+pub fn run(Drawn { text, recovers, reads }: Drawn) -> Fate {
     let Ok(file) = SegmentFile::parse("random.toml", &text) else { return Fate::Refused };
     let faults = words(&text);
     let recovers = recovers && !loads_nothing(&faults);
@@ -38,12 +38,16 @@ pub fn run(Drawn { text, recovers }: Drawn) -> Fate {
         return Fate::Refused;
     }
     let mut setup = scenario.run().setup;
-    setup.config = verdict::with_reads(setup.config);
+    if reads {
+        setup.config = verdict::with_reads(setup.config);
+    }
     let Some(world) = up(setup) else { return Fate::NotUp };
     let way_up = Nanos(world.now().as_nanos() as i64).max(Nanos(scenario.cycle.0 * WAY_BACK));
     let bound = RECOVERY + way_up + way_up;
     let mut field = Field::begin(world, scenario.sync0_limit);
-    field.read(true);
+    if reads {
+        field.read(true);
+    }
     field.operate(scenario.duration);
     if recovers {
         field.operate(bound);
@@ -52,7 +56,9 @@ pub fn run(Drawn { text, recovers }: Drawn) -> Fate {
             field.operate(PATIENCE);
         }
     }
-    field.read(false);
+    if reads {
+        field.read(false);
+    }
     let (verdict, truth) = field.end();
     let mut wrong = hold(&verdict, &truth, scenario.sync0_limit);
     if near_limit(&verdict) {
@@ -109,7 +115,8 @@ impl Field {
         world.catch_up();
         let engine = Engine::begin(world.main(), limit, Vec::new());
         world.begin_judging(intent(world.main(), limit));
-        let readings = vec![Readings::default(); world.main().segment().devices.len()];
+        // Empty: nothing is read.
+        let readings = Vec::new();
         let began = world.now();
         Self { world, began, engine, questions: None, readings }
     }
@@ -129,6 +136,8 @@ impl Field {
     }
 
     fn read(&mut self, before: bool) {
+        let devices = self.world.main().segment().devices.len();
+        self.readings.resize(devices, Readings::default());
         let until = self.world.now() + READ_LIMIT;
         self.questions = Some(Questions::ask(self.world.main_mut(), before));
         while !self.questions.as_ref().is_none_or(Questions::are_answered) && self.step(until) {}

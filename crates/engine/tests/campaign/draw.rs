@@ -12,6 +12,8 @@ use isocat_sync::SyncMode;
 pub struct Drawn {
     pub text: String,
     pub recovers: bool,
+    /// Whether the counters of SubDevices are read before the run and behind it.
+    pub reads: bool,
 }
 
 /// The segment of a seed. In four out of five there are faults.
@@ -28,7 +30,7 @@ pub fn draw(seed: u64) -> Drawn {
     });
     // What a file cannot express is refused when it is run.
     let case = sweep.ok().and_then(|sweep| sweep.case(0).ok());
-    Drawn { text: case.map_or(text, |case| case.text), recovers }
+    Drawn { text: case.map_or(text, |case| case.text), recovers, reads: true }
 }
 
 /// The segment of a seed in which nothing happens but that the frames of one cycle leave late, by
@@ -42,7 +44,7 @@ pub fn held_up(seed: u64, percent: u64) -> Drawn {
         text,
         "[[fault]]\nat = \"in-operation + {at}ns\"\nwhat = \"slow-send {late}ns for {cycle}ns\""
     );
-    Drawn { text, recovers }
+    Drawn { text, recovers, reads: true }
 }
 
 /// A segment without faults: its cycle in ns, whether SubDevices that leave OP are to be brought

@@ -3,11 +3,13 @@
 //!
 //! A few are always tried. `ISOCAT_SEEDS=3000 cargo test --test campaign --
 //! --nocapture` tries that many and prints the tables of docs/verdict.md; `ISOCAT_SEEDS_FROM` is
-//! the first one. With a single seed its segment file is printed, for `isocat run`.
+//! the first one. With a single seed its segment file is printed, for `isocat run`. Beside the
+//! draw a small world is tried whole, with `ISOCAT_SMALL=all` more of it.
 
 mod campaign;
 mod draw;
 mod held;
+mod small;
 mod truth;
 
 use std::collections::BTreeMap;
@@ -19,6 +21,7 @@ use campaign::{Fate, Ran};
 use draw::Drawn;
 use held::Mistake;
 use isocat_engine::verdict::Answer;
+use small::Fate as OfFrame;
 
 /// The results of the runs.
 #[derive(Default)]
@@ -178,6 +181,43 @@ fn a_frame_that_is_held_up_is_late_and_never_early() {
     assert!(losses >= seeds.len() as u64, "{losses} losses");
 }
 
+/// Each thing that can happen to one frame, and all sequences of a few in six cycles, in segments
+/// of one to three SubDevices, whose counters are read or not. With `ISOCAT_SMALL=all` the
+/// sequences have more letters.
+#[test]
+fn all_that_can_happen_to_six_frames() {
+    let alphabet: &[OfFrame] = match std::env::var_os("ISOCAT_SMALL") {
+        None => &[OfFrame::OnTime, OfFrame::LostOut, OfFrame::Late(8)],
+        Some(_) => &[OfFrame::OnTime, OfFrame::LostBack, OfFrame::Late(7), OfFrame::Late(12)],
+    };
+    let sequences = alphabet.len().pow(6);
+    let mut cases: Vec<(usize, bool, Vec<OfFrame>)> = Vec::new();
+    for (devices, reads) in [(1, true), (1, false), (2, true), (2, false), (3, true), (3, false)] {
+        cases.extend(OfFrame::all().map(|fate| (devices, reads, vec![fate])));
+        if sequences > FEW_SEQUENCES || (devices, reads) == (2, false) {
+            let all = (0..sequences).map(|number| small::sequence(alphabet, 6, number));
+            cases.extend(all.map(|fates| (devices, reads, fates)));
+        }
+    }
+    let numbers: Vec<u64> = (0..cases.len() as u64).collect();
+    let table = try_all(&numbers, |number| {
+        let (devices, reads, fates) = &cases[number as usize];
+        small::segment(*devices, *reads, fates)
+    });
+    table.print();
+    for wrong in [Mistake::UndetectedLoss, Mistake::FalseAlarm, Mistake::WrongName] {
+        let of = |line: &String| {
+            let number = line.split([' ', ':']).nth(1).and_then(|word| word.parse::<usize>().ok());
+            format!("{line}: {:?}", number.map(|number| &cases[number]))
+        };
+        let wrong_ones: Vec<String> = table.wrong(wrong).iter().take(8).map(of).collect();
+        assert_eq!(wrong_ones, [""; 0], "{wrong:?}: {}", table.wrong(wrong).len());
+    }
+    assert_eq!((table.of("panicked"), table.of("refused"), table.of("did not come up")), (0, 0, 0));
+    // Both answers are there.
+    assert!(table.losses() * 3 > table.of("ran") && table.of("no loss: in sync") > 6);
+}
+
 /// The number that a variable of the environment asks for.
 fn number(name: &str, otherwise: u64) -> u64 {
     let text = std::env::var(name).ok();
@@ -190,6 +230,8 @@ const HELD_UP: [u64; 14] = [10, 30, 50, 70, 80, 90, 95, 100, 105, 120, 150, 190,
 /// the other test.
 const FEW_HELD_UP: u64 = 6;
 const MOST_HELD_UP: u64 = 120;
+/// Sequences up to which one kind of segment is enough.
+const FEW_SEQUENCES: usize = 729;
 /// Number of seeds by default.
 const FEW: u64 = 150;
 /// Seeds that once showed a fault of a judge, of the simulation or of the MainDevice:

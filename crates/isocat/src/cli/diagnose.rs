@@ -12,8 +12,8 @@ use isocat_captures::reading::Frame;
 use isocat_captures::reading::NoCapture;
 use isocat_descriptions::esi::EsiFile;
 use isocat_diagnose::report::VerdictKind;
-use isocat_diagnose::{Around, DiagnoseReport, Diagnosis, Names};
-use isocat_segment::SegmentFile;
+use isocat_diagnose::{Around, DiagnoseReport, Diagnosis, Given};
+use isocat_segment::{Scenario, SegmentFile};
 
 use super::run::{command, is_page, json, write_report};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, NOT_KNOWN, fail, print};
@@ -34,7 +34,7 @@ With --interface it listens to what goes on there now, sends nothing, and says t
 
 Examples:
   isocat diagnose field.pcapng                     what went wrong first, where, and what to do
-  isocat diagnose ring_*.pcapng --segment my.toml  devices by the names of my.toml
+  isocat diagnose ring_*.pcapng --segment my.toml  also what is otherwise than my.toml says
   isocat diagnose field.pcapng --esi vendor.xml    names by the maker's description
   isocat diagnose --interface eth0 --for 10s       what is wrong there now, beside any MainDevice
   isocat diagnose field.pcapng --report x.html     a page with pictures
@@ -53,9 +53,12 @@ pub struct Arguments {
     #[cfg_attr(not(target_os = "linux"), arg(required = true))]
     #[arg(value_name = "CAPTURE")]
     captures: Vec<PathBuf>,
-    /// Segment file with the names of the devices, in their order
+    /// Segment file of the devices, in their order: their names, and what they are meant to do
     #[arg(long, value_name = "SEGMENT")]
     segment: Option<String>,
+    /// Take what the captures show as what was meant
+    #[arg(long, requires = "segment")]
+    as_is: bool,
     /// ESI files with the names of devices; may be given several times
     #[arg(long, value_name = "FILE")]
     esi: Vec<String>,
@@ -103,12 +106,12 @@ pub fn run(arguments: &Arguments) -> u8 {
     if let Some(why) = annotate.and_then(refused) {
         return fail(&why);
     }
-    let names = match names(arguments) {
-        Ok(names) => names,
+    let given = match given(arguments) {
+        Ok(given) => given,
         Err(message) => return fail(&message),
     };
     let mut figures = Figures::default();
-    let report = match arguments.diagnose(&names, &mut figures) {
+    let report = match arguments.diagnose(&given, &mut figures) {
         Ok(report) => report,
         Err(message) => return fail(&message),
     };
@@ -137,18 +140,19 @@ pub fn run(arguments: &Arguments) -> u8 {
 }
 
 impl Arguments {
-    fn diagnose(&self, names: &Names, figures: &mut Figures) -> Result<DiagnoseReport, String> {
+    fn diagnose(&self, given: &Given, figures: &mut Figures) -> Result<DiagnoseReport, String> {
         #[cfg(target_os = "linux")]
         if let Some(interface) = &self.live.interface {
-            return self.live.diagnose(interface, names);
+            return self.live.diagnose(interface, given);
         }
-        diagnose(self, names, figures)
+        diagnose(self, given, figures)
     }
 
     /// The command that repeats it.
     fn command(&self) -> String {
         let captures = self.captures.iter().map(|path| path.display().to_string());
         let segment = self.segment.iter().flat_map(|path| ["--segment".to_owned(), path.clone()]);
+        let segment = segment.chain(self.as_is.then(|| "--as-is".to_owned()));
         let esi = self.esi.iter().flat_map(|path| ["--esi".to_owned(), path.clone()]);
         let probe = self.probe.iter().flat_map(|_| ["--probe".to_owned(), "esl".to_owned()]);
         let words: Vec<String> = ["isocat".to_owned(), "diagnose".to_owned()]
@@ -164,7 +168,7 @@ impl Arguments {
 
 #[cfg(target_os = "linux")]
 impl Live {
-    fn diagnose(&self, interface: &str, names: &Names) -> Result<DiagnoseReport, String> {
+    fn diagnose(&self, interface: &str, given: &Given) -> Result<DiagnoseReport, String> {
         use super::listen::{Heard, listen};
         let mut listener = isocat_host::Listener::open(interface, self.netns.as_deref())
             .map_err(|error| error.to_string())?;
@@ -197,13 +201,13 @@ impl Live {
                 "warning: {dropped} frames were not heard: this machine was too slow, and what seems lost may be among them"
             );
         }
-        live.report(names).map_err(|nothing| format!("{name}: {nothing}"))
+        live.report(given).map_err(|nothing| format!("{name}: {nothing}"))
     }
 }
 
 fn diagnose(
     arguments: &Arguments,
-    names: &Names,
+    given: &Given,
     figures: &mut Figures,
 ) -> Result<DiagnoseReport, String> {
     let captures = &arguments.captures;
@@ -222,7 +226,7 @@ fn diagnose(
         }
     }
     let all: Vec<String> = captures.iter().map(|path| path.display().to_string()).collect();
-    let report = diagnosis.report_with(names, &mut |one| figures.push(one));
+    let report = diagnosis.report_with(given, &mut |one| figures.push(one));
     let mut report = report.map_err(|nothing| format!("{}: {nothing}", all.join(", ")))?;
     look_around(arguments, &mut report);
     Ok(report)
@@ -263,25 +267,29 @@ fn progress(file: &File) -> ProgressBar {
     bar
 }
 
-fn names(arguments: &Arguments) -> Result<Names, String> {
-    let mut names = Names::default();
-    if let Some(path) = &arguments.segment {
-        names.positions = positions(path)?;
-    }
+fn given(arguments: &Arguments) -> Result<Given, String> {
+    let mut given = match &arguments.segment {
+        None => Given::default(),
+        Some(path) => of_segment(path, arguments.as_is)?,
+    };
     for path in &arguments.esi {
         let file = EsiFile::read(path).map_err(|error| error.to_string())?;
         for device in &file.devices {
             let Some(product) = device.product_code else { continue };
-            names.identities.insert((file.vendor_id, product), device.type_name.clone());
+            given.identities.insert((file.vendor_id, product), device.type_name.clone());
         }
     }
-    Ok(names)
+    Ok(given)
 }
 
-/// The names of a segment file's SubDevices, by position.
-pub(super) fn positions(segment: &str) -> Result<Vec<String>, String> {
-    let file = SegmentFile::read(segment).map_err(|error| error.to_string())?;
-    Ok(file.subdevices.iter().map(|device| device.name.clone()).collect())
+/// The names of a segment file's SubDevices, and what the file claims, unless whatever the segment
+/// does is taken as meant.
+pub(super) fn of_segment(path: &str, as_is: bool) -> Result<Given, String> {
+    let file = SegmentFile::read(path).map_err(|error| error.to_string())?;
+    let mut scenario = Scenario::from(file);
+    scenario.as_is |= as_is;
+    let names = scenario.devices.iter().map(|device| device.name.clone()).collect();
+    Ok(Given { names, claims: Some(scenario.claims()), ..Given::default() })
 }
 
 /// Time to listen without --for.

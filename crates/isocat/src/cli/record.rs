@@ -9,7 +9,7 @@ use std::time::Duration;
 use clap::Args;
 use isocat_captures::pairing::Seen;
 use isocat_descriptions::quantity;
-use isocat_diagnose::Names;
+use isocat_diagnose::Given;
 use isocat_host::Listener;
 use isocat_recorders::flight::{Limits, Told};
 use isocat_wire::Nanos;
@@ -51,9 +51,12 @@ pub struct Arguments {
     /// End after this time; without it a signal ends it
     #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
     span: Option<Nanos>,
-    /// Segment file with the names of the devices, in their order
+    /// Segment file of the devices, in their order: their names, and what they are meant to do
     #[arg(long, value_name = "SEGMENT")]
     segment: Option<String>,
+    /// Take what the segment does as what was meant
+    #[arg(long, requires = "segment")]
+    as_is: bool,
     /// Print one JSON document per line
     #[arg(long)]
     json: bool,
@@ -97,7 +100,7 @@ pub struct Recording {
 }
 
 impl Keys {
-    fn wanted(&self, names: Names) -> Wanted {
+    fn wanted(&self, given: Given) -> Wanted {
         let limits = Limits {
             keep: self.keep.unwrap_or(KEEP),
             after: self.after.unwrap_or(AFTER),
@@ -105,7 +108,7 @@ impl Keys {
             most_files: self.most_files.unwrap_or(MOST_FILES).into(),
         };
         let on = if self.on.is_empty() { On::ALL.to_vec() } else { self.on.clone() };
-        Wanted { limits, on, names }
+        Wanted { limits, on, given }
     }
 
     /// The first option that was given.
@@ -130,8 +133,8 @@ impl Recording {
         names: Vec<String>,
     ) -> Result<Option<(Guard, Receiver<Event>)>, String> {
         let Some(folder) = &self.record else { return self.refused().map_or(Ok(None), Err) };
-        let names = Names { positions: names, ..Names::default() };
-        guard(folder, interface, self.keys.wanted(names)).map(Some)
+        let given = Given { names, ..Given::default() };
+        guard(folder, interface, self.keys.wanted(given)).map(Some)
     }
 
     /// The error for options without a recording; `None` if there is none.
@@ -181,16 +184,16 @@ pub fn run(arguments: &Arguments) -> u8 {
 }
 
 fn record(arguments: &Arguments) -> Result<u8, String> {
-    let names = match &arguments.segment {
-        None => Names::default(),
-        Some(path) => Names { positions: super::diagnose::positions(path)?, ..Names::default() },
+    let given = match &arguments.segment {
+        None => Given::default(),
+        Some(path) => super::diagnose::of_segment(path, arguments.as_is)?,
     };
     let interface = &arguments.interface;
     let mut listener =
         Listener::open(interface, arguments.netns.as_deref()).map_err(|error| error.to_string())?;
     let stop = super::interface::stop_on_signals()
         .map_err(|error| format!("signals can't be caught: {error}"))?;
-    let wanted = arguments.keys.wanted(names);
+    let wanted = arguments.keys.wanted(given);
     let (mut guard, events) = guard(&arguments.into, interface, wanted)?;
     let mut log = Log { json: arguments.json, happened: 0, failed: 0, code: IN_SYNC };
     log.begin(arguments);

@@ -167,7 +167,7 @@ const ARROWS: [(&str, &[&str]); 23] = [
         &["wire", "sync", "rules", "esc", "subdevice", "maindevice", "sim", "descriptions"],
     ),
     ("recorders", &["wire", "sync", "subdevice", "maindevice", "sim"]),
-    ("diagnose", &["wire", "sync", "captures", "descriptions"]),
+    ("diagnose", &["wire", "sync", "rules", "captures", "descriptions"]),
     ("conform", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment"]),
     (
         "engine",
@@ -324,7 +324,7 @@ const READERS: [&str; 8] = [
 const SENTENCES: [&str; 9] = [
     "crates/diagnose/src/words.rs",
     "crates/engine/src/report/words.rs",
-    "crates/engine/src/report/words/breach.rs",
+    "crates/rules/src/words.rs",
     "crates/engine/src/live/judge.rs",
     "crates/engine/src/status/verdict.rs",
     "crates/engine/src/diagnosis.rs",

@@ -4,6 +4,7 @@ mod capture;
 mod diagnose;
 mod diagnose_accuracy;
 mod diagnose_bad_input;
+mod diagnose_claims;
 mod diagnose_forms;
 mod pages;
 mod record;

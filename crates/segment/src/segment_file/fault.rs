@@ -125,11 +125,13 @@ pub(super) fn when(value: &Value<'_>) -> Result<When, FileError> {
 
 /// A percentage in parts per million.
 fn share(value: &Value<'_>) -> Result<u32, FileError> {
-    let expected = "a share from \"0%\" to \"100%\"";
+    let expected = "a share above \"0%\", up to \"100%\"";
     let text = value.name(expected)?;
     let percent = text.trim().strip_suffix('%').and_then(|text| f64::from_str(text.trim()).ok());
-    match percent.filter(|percent| (0.0..=100.0).contains(percent)) {
-        Some(percent) => Ok((percent * f64::from(MILLION / 100)).round() as u32),
-        None => Err(value.error(format!("\"{text}\"; expected {expected}"))),
+    let within = percent.filter(|percent| (0.0..=100.0).contains(percent));
+    // What can't happen tests nothing.
+    match within.map(|percent| (percent * f64::from(MILLION / 100)).round() as u32) {
+        Some(ppm @ 1..) => Ok(ppm),
+        _ => Err(value.error(format!("\"{text}\"; expected {expected}"))),
     }
 }

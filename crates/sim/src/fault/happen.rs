@@ -129,6 +129,10 @@ impl Timeline {
             Fault::Misbehave { device, how } => segment.misbehave(device, at, how, true),
             Fault::SyncOff { device } => {
                 let activation = segment.devices()[device].esc.register(register::SYNC_ACTIVATION);
+                // Where nothing runs, nothing happens.
+                if activation.0 == 0 {
+                    return;
+                }
                 undo = Undo::Activation(activation.0);
                 segment.write_register(device, at, register::SYNC_ACTIVATION.address, &[0], watch);
             }

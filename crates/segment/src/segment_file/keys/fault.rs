@@ -51,7 +51,7 @@ static FAULT: Section = Section {
         Key {
             name: "chance",
             kind: Kind::Pattern {
-                expected: "a share from \"0%\" to \"100%\"",
+                expected: "a share above \"0%\", up to \"100%\"",
                 pattern: r"^\s*[0-9.]+\s*%\s*$",
             },
             need: Need::Default(r#""100%""#),

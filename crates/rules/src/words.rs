@@ -1,13 +1,72 @@
-//! Sentences of breaches: what is otherwise than it was meant.
+//! Sentences of breaches: what is otherwise than it was meant, with its figures.
 
-use isocat_rules::Breach;
+use alloc::format;
+use alloc::string::String;
+use core::fmt;
+
 use isocat_sync::SyncMode;
 use isocat_wire::dc::SyncActivation;
+use isocat_wire::time::Picos;
 
-use super::time;
+use crate::breach::Breach;
 
-/// What was found, with its figures.
-pub(super) fn breach(breach: &Breach) -> String {
+/// What was found, as the rest of a sentence that begins with the name of the SubDevice, or as a
+/// sentence about the segment.
+impl fmt::Display for Breach {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&said(self))
+    }
+}
+
+impl Breach {
+    /// What to do, likeliest first.
+    pub fn remedies(&self) -> &'static [&'static str] {
+        match self {
+            Self::NotOperated { .. } => &[
+                "read 0x0134 (AL status code) of the SubDevice, and ask for OP again when its cause is gone",
+            ],
+            Self::OtherMode { wanted, .. } if wanted.uses_dc() => &[
+                "write SYNC0 (0x0990, 0x09A0, then 0x0980 and 0x0981) in PREOP, before SAFEOP is asked for",
+                "write 0x1C32:01 and 0x1C33:01 as the mode needs",
+            ],
+            Self::OtherMode { .. } => {
+                &["leave SYNC0 off (0x0981), and write 0x1C32:01 and 0x1C33:01 as the mode needs"]
+            }
+            Self::StartPassed { .. } => &[
+                "read the reference's system time just before, and take a start time 100 ms later",
+            ],
+            Self::OtherSync0Cycle { .. } => &["write the cycle to 0x09A0, in ns, before 0x0981"],
+            Self::OtherShift { .. } => &[
+                "take a start time (0x0990) of a whole cycle plus the shift, by the reference clock",
+                "send frames at whole cycles of the reference clock",
+            ],
+            Self::Sync0Apart { .. } => {
+                &["give all SubDevices start times (0x0990) that lie whole cycles apart"]
+            }
+            Self::OtherCycle { .. } => &["let the MainDevice's timer have the cycle of the file"],
+            Self::NoProcessData => {
+                &["assign PDOs in 0x1C12 and 0x1C13, and set the SyncManagers to their lengths"]
+            }
+            Self::NotCarried { .. } => {
+                &["let an FMMU (0x0600) map the SyncManager to logical bytes that a datagram has"]
+            }
+            Self::SharedAddress { .. } => &["give each FMMU logical bytes of its own"],
+            Self::WatchdogOff => &[
+                "leave 0x0400 and 0x0420 as they are after power-on, or write a time of some cycles",
+                "write the SyncManager's control byte as the EEPROM has it",
+            ],
+            Self::TimeNotDistributed { .. } => &["send FRMW of 0x0910 in each cycle"],
+            Self::FramesSlide { .. } => {
+                &["correct the MainDevice's timer by the time that FRMW brings"]
+            }
+            Self::SeveralTalkers { .. } => {
+                &["one MainDevice alone may talk on a segment: find the other one"]
+            }
+        }
+    }
+}
+
+fn said(breach: &Breach) -> String {
     match breach {
         Breach::NotOperated { state, code } => {
             format!("is in {state}, and is to be in OP: AL status code {code}")
@@ -31,7 +90,7 @@ pub(super) fn breach(breach: &Breach) -> String {
         Breach::Sync0Apart { from, by, limit } => {
             let side = if by.0 > 0 { "after" } else { "before" };
             format!(
-                "SYNC0 comes {} {side} that of SubDevice {from}, limit {limit}: start times (0x0990) do not fit",
+                "SYNC0 comes {} {side} that of SubDevice {from}, limit {limit}: start times (0x0990) or clocks (0x0920, 0x0928) do not fit",
                 by.abs()
             )
         }
@@ -90,4 +149,14 @@ fn why(wanted: SyncMode, found: SyncMode, activation: Option<u8>) -> String {
     } else {
         String::new()
     }
+}
+
+/// A time with three digits behind the point.
+fn time(span: Picos) -> String {
+    let (per_unit, unit) = match span.0.unsigned_abs() {
+        0..1_000_000_000 => (1e6, "us"),
+        1_000_000_000..1_000_000_000_000 => (1e9, "ms"),
+        _ => (1e12, "s"),
+    };
+    format!("{:.3} {unit}", span.0 as f64 / per_unit)
 }

@@ -1,11 +1,14 @@
 //! The phase of frames over a whole session in bounded memory, and how it moves.
 
-use isocat_rules::evidence::Slide;
-use isocat_wire::time::{Nanos, Time, True};
+use alloc::vec::Vec;
+
+use isocat_wire::time::{Nanos, Picos};
+
+use crate::evidence::Slide;
 
 /// Means of the phase over equal numbers of cycles. When there are too many, two become one.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Trail {
+pub struct Trail {
     /// Mean instant and mean phase of each bin, ps.
     bins: Vec<(f64, f64)>,
     /// Cycles in a bin; 0 before the first.
@@ -15,15 +18,15 @@ pub(crate) struct Trail {
 }
 
 impl Trail {
-    /// Takes the phase of a cycle, ps. Allocates once.
-    pub fn take(&mut self, at: Time<True>, phase: i64) {
+    /// Takes the phase of a cycle whose frame came at an instant of any clock, ps. Allocates once.
+    pub fn take(&mut self, at_ps: u64, phase: Picos) {
         if self.each == 0 {
             self.bins.reserve_exact(BINS);
             self.each = 1;
         }
         let (instants, phases, count) = &mut self.open;
-        *instants += at.count() as f64;
-        *phases += phase as f64;
+        *instants += at_ps as f64;
+        *phases += phase.0 as f64;
         *count += 1;
         if *count < self.each {
             return;
@@ -42,7 +45,7 @@ impl Trail {
     }
 
     /// How the phase moves in the last half of the time: a loop that still settles moves at first.
-    /// `None` for less than [`LEAST`] bins or [`LEAST_TIME`].
+    /// `None` where too little was seen.
     pub fn slide(&self) -> Option<Slide> {
         let half = &self.bins[self.bins.len() / 2..];
         let span = half.last()?.0 - half.first()?.0;
@@ -64,12 +67,16 @@ fn fit(points: &[(f64, f64)]) -> (f64, f64) {
     let n = points.len() as f64;
     let mean = |value: fn(&(f64, f64)) -> f64| points.iter().map(value).sum::<f64>() / n;
     let (t, p) = (mean(|point| point.0), mean(|point| point.1));
-    let squares: f64 = points.iter().map(|point| (point.0 - t).powi(2)).sum();
+    let squares: f64 = points.iter().map(|point| square(point.0 - t)).sum();
     let products: f64 = points.iter().map(|point| (point.0 - t) * (point.1 - p)).sum();
     let slope = products / squares;
-    let rest = |point: &(f64, f64)| (point.1 - p - slope * (point.0 - t)).powi(2);
+    let rest = |point: &(f64, f64)| square(point.1 - p - slope * (point.0 - t));
     let scatter = points.iter().map(rest).sum::<f64>() / (n - 2.0).max(1.0);
-    (slope, (scatter / squares).sqrt())
+    (slope, libm::sqrt(scatter / squares))
+}
+
+fn square(value: f64) -> f64 {
+    value * value
 }
 
 const BINS: usize = 64;
@@ -86,7 +93,7 @@ mod tests {
     fn slide(cycles: u64, phase: impl Fn(u64) -> f64) -> Option<Slide> {
         let mut trail = Trail::default();
         for cycle in 0..cycles {
-            trail.take(Time::new(cycle * 1_000_000_000), (phase(cycle) * 1e3) as i64);
+            trail.take(cycle * 1_000_000_000, Picos((phase(cycle) * 1e3) as i64));
         }
         assert!(trail.bins.len() < BINS && trail.bins.capacity() <= BINS);
         trail.slide()

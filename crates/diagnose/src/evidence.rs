@@ -265,14 +265,14 @@ fn overdue(last: Switched) -> Option<Nanos> {
     Some(Nanos(late.max(0)))
 }
 
-/// The mean time from the instant at which frames reach the reference clock to SYNC0.
+/// The time from the instant at which punctual frames reach the reference clock to SYNC0.
 fn frame_to_sync0(observer: &Observer, device: &Device) -> Option<Picos> {
     let distance = sync::measured(observer, device)?;
     if distance.slides() || distance.count < LEAST_CYCLES {
         return None;
     }
     let cycle = i64::try_from(distance.grid.cycle).ok()?;
-    let after = (distance.mean() + observer.phases.frame_ns()).rem_euclid(cycle);
+    let after = (distance.punctual() + observer.phases.frame_ns()).rem_euclid(cycle);
     Some(Picos::from(Nanos(if after > cycle / 4 * 3 { after - cycle } else { after })))
 }
 

@@ -197,6 +197,11 @@ impl Observer {
         self.operating || self.began_inside || !self.states_seen
     }
 
+    /// Whether the segment is in operation at present.
+    pub fn is_operating(&self) -> bool {
+        self.operating || self.began_inside
+    }
+
     /// A cycle began. Some MainDevices request OP and read no state afterwards: after enough
     /// cycles, the exchange counts as operation.
     fn assume_operation(&mut self, at: Duration) {

@@ -126,9 +126,9 @@ impl Distance {
         }
     }
 
-    /// Takes the distance of one more frame; returns it unwrapped, as a continuation of those
-    /// before.
-    fn push(&mut self, ns: i64, frame: usize) -> i64 {
+    /// Takes the distance of one more frame, which came `since` ns after the one before; returns it
+    /// unwrapped, as a continuation of those before.
+    fn push(&mut self, ns: i64, frame: usize, since: u64) -> i64 {
         let cycle = self.grid.cycle as i64;
         // Takes the value nearest to the last few distances, so that frames that drift through the
         // cycle have continuous values. Hosts tend to be late rather than early: a frame counts as
@@ -138,7 +138,19 @@ impl Distance {
         // frame where they have always been is punctual again.
         let back = near(cycle / 2);
         let is_home = (back - self.home).abs() < cycle / 8;
-        let ns = if self.count < LEARNING || is_home { back } else { near(cycle / 4) };
+        // The frame of the next cycle comes as much sooner or later behind the one before as it is
+        // more or less late. That tells where it is after long lateness, too, but is no proof that
+        // it passed SYNC0.
+        let next = i64::try_from(since)
+            .ok()
+            .filter(|since| (cycle / 4..=cycle + cycle / 32).contains(since));
+        let next = next.map(|since| self.last.value + cycle - since);
+        let next = next.filter(|next| (0..cycle).contains(next) && (ns - next).abs() < cycle / 32);
+        let ns = match next {
+            Some(_) => ns,
+            None if self.count < LEARNING || is_home => back,
+            None => near(cycle / 4),
+        };
         // The punctual ones tell where frames belong, also after many late ones.
         self.recent += (ns - self.recent) / if ns > self.recent { 4 } else { 32 };
         let weight = if self.count < LEARNING { 4 } else { 1024 };
@@ -159,6 +171,19 @@ impl Distance {
             self.first_outside.get_or_insert(known);
         }
         ns
+    }
+
+    /// The mean of that part of the time in which frames came earliest, ns: what is late at times is
+    /// punctual at others.
+    pub fn punctual(&self) -> i64 {
+        let course = &self.course;
+        let frames = |part| match part + 1 == course.begun {
+            true => course.filled,
+            false => course.length,
+        };
+        let parts = (0..course.begun).filter(|part| frames(*part) >= LEARNING.min(course.length));
+        let means = parts.map(|part| (course.sums[part] / i128::from(frames(part))) as i64);
+        means.max().unwrap_or_else(|| self.mean())
     }
 
     /// Whether frames drifted through more than half a cycle in one direction: they do not follow
@@ -183,6 +208,8 @@ pub(crate) struct Phases {
     trailed: Option<Grid>,
     /// The reference's system time at the first frame, ns.
     since: Option<u64>,
+    /// The reference's system time at the last frame, ns.
+    last: Option<u64>,
     /// How long the frames take from their first bit to their last, ns: the last one.
     frame_ns: u64,
 }
@@ -203,6 +230,7 @@ impl Phases {
         let shortest = || grids.iter().min_by_key(|grid| grid.cycle).copied();
         self.trailed = self.trailed.or_else(shortest);
         let since = at.wrapping_sub(*self.since.get_or_insert(at));
+        let interval = at.wrapping_sub(self.last.replace(at).unwrap_or(at));
         let mut told = |grid: Grid, ns: i64| {
             if self.trailed == Some(grid) {
                 // A frame that comes later is nearer to SYNC0.
@@ -213,7 +241,7 @@ impl Phases {
         for grid in grids {
             let ns = grid.ahead(end) as i64;
             match self.grids.iter().position(|distance| distance.grid == *grid) {
-                Some(place) => told(*grid, self.grids[place].push(ns, frame)),
+                Some(place) => told(*grid, self.grids[place].push(ns, frame, interval)),
                 None if self.grids.len() < MOST_GRIDS => {
                     self.grids.push(Distance::new(*grid, ns, frame));
                     told(*grid, ns);
@@ -310,17 +338,23 @@ mod tests {
         assert_eq!(distance.outside, 0, "{:?}", distance.shortest);
     }
 
-    /// Two hundred frames that are all late by 0.4 of a cycle, between punctual ones.
+    /// Some hundred or thousand frames that are all late by 0.4 of a cycle, between punctual ones.
     #[test]
     fn frames_come_back_to_where_they_were() {
         let grid = Grid::new(1_000_000, 0).expect("a cycle");
-        let mut phases = Phases::default();
-        for cycle in 0..2000_u64 {
-            let late = if (500..700).contains(&cycle) { 400_000 } else { 0 };
-            phases.cyclic(&[grid], cycle * 1_000_000 + 480_000 + late, 60, 0, |_, _| {});
+        let punctual = 1_000_000 - 480_000 - frame::duration_ns(60) as i64;
+        for late in [500..700, 100..1_100, 100..5_000] {
+            let mut phases = Phases::default();
+            for cycle in 0..late.end + 300 {
+                let late = if late.contains(&cycle) { 400_000 } else { 0 };
+                phases.cyclic(&[grid], cycle * 1_000_000 + 480_000 + late, 60, 0, |_, _| {});
+            }
+            let distance = phases.of(grid).expect("measured");
+            assert_eq!((distance.outside, distance.slides()), (0, false), "{late:?}: {distance:?}");
+            assert_eq!(distance.longest.value, punctual);
+            // A course has sixteen parts at most, so a short stretch may be part of a later one.
+            assert!(distance.punctual() > punctual - 200_000, "{late:?}");
         }
-        let distance = phases.of(grid).expect("measured");
-        assert_eq!((distance.outside, distance.slides()), (0, false), "{:?}", distance.shortest);
     }
 
     #[test]

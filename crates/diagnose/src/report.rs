@@ -66,7 +66,8 @@ pub(crate) fn report(
     report.unknown.extend(left_out(observer));
     let unseen = |place: &usize| observer.devices.list[*place].states.op.is_none();
     let unseen: Vec<bool> = builder.order.iter().map(unseen).collect();
-    report.verdict = report.judge(&unseen, lacking(&ruling, given));
+    let is_open = tap.is_some_and(|tap| tap.seen == TapSeen::Back) && observer.is_operating();
+    report.verdict = report.judge(&unseen, lacking(&ruling, given), is_open);
     report
 }
 
@@ -123,8 +124,9 @@ impl DiagnoseReport {
     }
 
     /// The verdict. `unseen`: by device, whether it was never read in OP. `lacking`: what is not
-    /// known though it was claimed.
-    fn judge(&self, unseen: &[bool], lacking: Option<String>) -> Verdict {
+    /// known though it was claimed. `is_open`: without requests nobody knows whether the last
+    /// answers are those before the end of the capture, or before a silence.
+    fn judge(&self, unseen: &[bool], lacking: Option<String>, is_open: bool) -> Verdict {
         let faults: Vec<&FindingReport> =
             self.findings.iter().filter(|one| one.weight == WeightKind::Fault).collect();
         let measured: Vec<&Distance> =
@@ -160,6 +162,10 @@ impl DiagnoseReport {
                     lacking.unwrap_or_default()
                 );
                 (VerdictKind::NothingFound, sentence)
+            }
+            (None, 1.., None) if is_open => {
+                let sentence = "No fault was found; whether devices stayed in sync is not known: the capture has answers alone and ends in operation, as it would if nothing answered any more.";
+                (VerdictKind::NothingFound, sentence.to_owned())
             }
             (None, 1.., None) => {
                 let least = measured.iter().map(|distance| distance.shortest_ns.value).min();

@@ -178,7 +178,8 @@ fn minimum(place: usize, device: &Device, all: &mut Vec<Finding>) {
 /// order; a ratio of 1.3 is not.
 fn mismatch(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let by_clock = &observer.cycle.by_clock;
-    let Some((cycle_ns, frames_ns)) = local_cycle(device).zip(by_clock.mean()) else { return };
+    // Not the mean: what is lost makes no other cycle.
+    let Some((cycle_ns, frames_ns)) = local_cycle(device).zip(by_clock.median()) else { return };
     if by_clock.count < LEAST_CYCLES {
         return;
     }

@@ -141,6 +141,10 @@ pub fn segment_file(state: &State) -> Result<String, Vec<Problem>> {
         );
         if !on_ebus {
             let _ = writeln!(text, "cable = \"{}\"", cable.to_string().replace(' ', ""));
+            // Copper does not reach so far.
+            if cable > Length::metres(100) {
+                text.push_str("fibre = true\n");
+            }
         }
         for key in KEYS.iter().filter(|key| matches!(key.kind, Kind::Duration { .. })) {
             let in_device = key.of.filter(|path| path.starts_with("subdevice."));

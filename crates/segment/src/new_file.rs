@@ -196,6 +196,9 @@ impl NewFile {
                 Some(metres) => writeln!(text, "cable = \"{metres}m\"    # by its measured delay"),
                 None => writeln!(text, "cable = \"10m\""),
             };
+            if what.cable_m.is_some_and(|metres| metres > COPPER_M) {
+                text.push_str("fibre = true    # copper does not reach so far\n");
+            }
         }
         let _ = match what.clock_ppm {
             Some(ppm) => writeln!(text, "clock = \"{ppm:+.3}ppm\"    # as it was measured"),
@@ -224,5 +227,7 @@ pub fn quoted(text: &str) -> String {
     quoted
 }
 
+/// How far copper reaches, m.
+const COPPER_M: u32 = 100;
 /// The usual coupler from copper to EBUS.
 const COUPLER: &str = "beckhoff_ek1100";

@@ -180,6 +180,8 @@ pub struct SubDevice {
     pub place: Place,
     /// Cable that leads to it. Key `cable`.
     pub cable: Length,
+    /// Whether that is an optical fibre. Key `fibre`.
+    pub fibre: bool,
     /// Signal delay of that cable. Key `cable_delay`.
     pub cable_delay: DelayPerMetre,
     /// Difference of the delays out and back on that cable; their mean stays. Key
@@ -394,7 +396,7 @@ impl Devices {
 
 /// EBUS ports meet by contacts: the delay between two terminals is part of that of their ESCs.
 fn without_cable(keys: &Keys<'_>, device: &mut SubDevice) -> Result<(), FileError> {
-    for key in ["cable", "cable_delay", "cable_asymmetry"] {
+    for key in ["cable", "fibre", "cable_delay", "cable_asymmetry"] {
         if keys.value(key).is_some() {
             let message = format!(
                 "{key} is given, but \"{}\" is joined by EBUS, whose contacts are no cable; expected no {key} here",

@@ -401,6 +401,14 @@ static SUBDEVICE: Section = Section {
             example: r#""25m""#,
         },
         Key {
+            name: "fibre",
+            kind: Kind::Boolean,
+            need: Need::Default("false"),
+            means: "That cable is an optical fibre. Copper reaches 100 m.",
+            goes: "the check of `cable`",
+            example: "true",
+        },
+        Key {
             name: "cable_delay",
             kind: Kind::DelayPerMetre { least: LEAST_DELAY, most: 10_000 },
             need: Need::Default(r#""5ns/m""#),

@@ -41,6 +41,12 @@ pub(super) fn subdevice(
     let (shift, input_shift) = shifts(keys, &profile)?;
     let pulses = pulses(keys, mode, bus)?;
     let (cable, cable_delay) = (keys.get("cable")?, keys.get("cable_delay")?);
+    let fibre: bool = keys.get("fibre")?;
+    if cable > COPPER && !fibre {
+        return Err(keys.error_at("cable", format!(
+            "cable = {cable}, and copper reaches {COPPER}; expected {COPPER} at most, or fibre = true beside it"
+        )));
+    }
     let optional = keys.get("optional")?;
     if let (Some(value), false) = (keys.value("arrives"), optional) {
         return Err(value.error("arrives is given without optional = true beside it"));
@@ -54,6 +60,7 @@ pub(super) fn subdevice(
         // The place follows from the devices above.
         place: Place { upstream: None, port: PortNumber::P0 },
         cable,
+        fibre,
         cable_delay,
         cable_asymmetry: keys.by(twice(cable, cable_delay)).get("cable_asymmetry")?,
         clock,
@@ -81,6 +88,9 @@ pub(super) fn subdevice(
         line: 0,
     })
 }
+
+/// The longest cable of 100BASE-TX.
+const COPPER: Length = Length::metres(100);
 
 /// `cycle`: a multiple of the bus cycle.
 fn own_cycle(keys: &Keys<'_>, bus: Nanos) -> Result<Option<Nanos>, FileError> {

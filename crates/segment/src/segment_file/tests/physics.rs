@@ -130,6 +130,13 @@ fn cables_have_speed_and_asymmetry() {
     assert_eq!((plain.cable_delay, plain.cable_asymmetry), (DelayPerMetre(5_000), Nanos::ZERO));
     let cable = subdevice("cable = \"2m\"\ncable_delay = \"4.9ns/m\"\ncable_asymmetry = \"-19ns\"");
     assert_eq!((cable.cable_delay, cable.cable_asymmetry), (DelayPerMetre(4_900), Nanos(-19)));
+    // Copper reaches 100 m, fibre further.
+    assert_eq!(subdevice("cable = \"100m\"").cable, Length::metres(100));
+    assert_eq!(subdevice("cable = \"2000m\"\nfibre = true").cable, Length::metres(2_000));
+    assert_eq!(
+        refused(&one("cable = \"100.001m\"")).0,
+        "4:9 cable = 100.001 m, and copper reaches 100 m; expected 100 m at most, or fibre = true beside it"
+    );
     // The difference between out and back cannot exceed their sum.
     assert_eq!(
         refused(&one("cable = \"2m\"\ncable_delay = \"4.9ns/m\"\ncable_asymmetry = \"20ns\"")).0,

@@ -173,8 +173,8 @@ impl Distance {
         ns
     }
 
-    /// The mean of that part of the time in which frames came earliest, ns: what is late at times is
-    /// punctual at others.
+    /// The mean of that part of the time in which frames came earliest, ns: what is late at times
+    /// is punctual at others.
     pub fn punctual(&self) -> i64 {
         let course = &self.course;
         let frames = |part| match part + 1 == course.begun {

@@ -152,8 +152,10 @@ fn frames_are_lost_on_it() {
 fn the_plan_holds_behind_each_cut() {
     for (first, closing) in [("10m", "10m"), ("5m", "2000m"), ("2000m", "5m")] {
         for (cable, _) in CABLES {
-            let text = format!("ring = \"{closing}\"\n{SEGMENT}")
-                .replace("name = \"first\"", &format!("name = \"first\"\nfibre = true\ncable = \"{first}\""));
+            let text = format!("ring = \"{closing}\"\n{SEGMENT}").replace(
+                "name = \"first\"",
+                &format!("name = \"first\"\nfibre = true\ncable = \"{first}\""),
+            );
             let fault =
                 format!("[[fault]]\nat = \"in-operation + 100ms\"\nwhat = \"pull {cable}\"\n");
             let file = SegmentFile::parse("ring.toml", &(text + &fault)).unwrap();

@@ -31,7 +31,10 @@ pub(crate) fn of(observer: &Observer, claims: &Claims) -> Evidence {
     let devices = claims.devices.iter().enumerate();
     Evidence {
         cycle: rhythm.and_then(|rhythm| rhythm.median()).map(nanos),
-        longest_drift_gap: sync::drift_gap(observer).map(|gap| nanos(gap.ns)),
+        // A pause between two stretches is none in operation.
+        longest_drift_gap: sync::drift_gap(observer)
+            .filter(|_| observer.held.is_empty())
+            .map(|gap| nanos(gap.ns)),
         slide: rhythm.and_then(|rhythm| observer.phases.slide(rhythm.median()?)),
         talkers: Some(turns(observer).map(|talker| talker.frames).collect()),
         devices: devices.map(|one| of_device(one).unwrap_or_default()).collect(),
@@ -46,7 +49,7 @@ fn device(
 ) -> DeviceEvidence {
     let device = &observer.devices.list[place];
     // Without any state in the capture, the exchange itself is operation.
-    let operated = is_operated && (device.states.op.is_some() || device.states.now().is_none());
+    let operated = is_operated && (was_in_op(observer, device) || device.states.now().is_none());
     let last = device.sync.last.filter(Switched::makes_sync0);
     let set_up = is_set_up(device);
     let lengths = lengths(device).or_else(|| set_up.then_some([0, 0]));
@@ -69,6 +72,8 @@ fn device(
         logical: set_up
             .then(|| [Fmmu::WRITE, Fmmu::READ].map(|kind| mapped(device, kind).collect())),
         guarded: guarded(device, set_up),
+        watchdog: watchdog(device, set_up),
+        clock_set: set_up.then(|| clock_set(device)),
     }
 }
 
@@ -78,8 +83,13 @@ fn nanos(ns: u64) -> Nanos {
 
 /// Whether the capture has the way up of the device, so that what was not written was left out.
 fn is_set_up(device: &Device) -> bool {
-    let named = device.image.written(register::STATION_ADDRESS).map(|station| station.frame);
-    named.zip(device.states.op).is_some_and(|(named, op)| named < op.frame)
+    device.image.written(register::STATION_ADDRESS).is_some() && device.states.op.is_some()
+}
+
+/// Whether it was read in OP in the present stretch of operation.
+fn was_in_op(observer: &Observer, device: &Device) -> bool {
+    let since = observer.stretch.map_or(0, |stretch| stretch.frame);
+    device.states.op.is_some() && device.states.last_op >= since
 }
 
 /// The state of a device in operation: OP if it was read there. What it does after that is no claim
@@ -89,11 +99,12 @@ fn state(
     device: &Device,
     is_operated: bool,
 ) -> Option<(AlState, AlStatusCode)> {
-    if device.states.op.is_some() {
+    if was_in_op(observer, device) {
         return Some((AlState::Op, AlStatusCode(0)));
     }
-    let began = observer.operation.filter(|_| is_operated)?;
-    let end = observer.left.map_or(observer.last, |left| left.value);
+    let began = observer.stretch.or(observer.operation).filter(|_| is_operated)?;
+    let end = observer.left.filter(|left| left.frame > began.frame);
+    let end = end.map_or(observer.last, |left| left.value);
     let (status, seen) = device.states.last_seen()?;
     let long = end.saturating_sub(began.value) >= PATIENCE;
     let code = device.states.changes.kept.last().and_then(|last| last.code);
@@ -101,12 +112,27 @@ fn state(
     Some((state, code.unwrap_or_default()))
 }
 
+/// The frame in which a device was asked for SAFEOP on its last way up, or was first seen there if
+/// the capture does not show who asked.
+fn way_up(device: &Device) -> Option<usize> {
+    let is_up = |state| matches!(state, Ok(AlState::SafeOp | AlState::Op));
+    let (mut up, mut was_down) = (None, true);
+    for asked in &device.states.requests.kept {
+        let is_up = is_up(asked.control.state());
+        if is_up && was_down {
+            up = Some(asked.frame);
+        }
+        was_down = !is_up;
+    }
+    let mut seen = device.states.changes.kept.iter();
+    let seen = || seen.find(|seen| is_up(seen.status.state())).map(|seen| seen.frame);
+    up.or_else(seen)
+}
+
 /// The mode that a device took on its way to SAFEOP, by its SYNC unit and its synchronization type
 /// as they were then. Where both fit several modes, the one that was asked for is taken.
 fn mode(device: &Device, wanted: Option<SyncMode>) -> Option<SyncMode> {
-    let changes = &device.states.changes.kept;
-    let is_up = |state| matches!(state, Ok(AlState::SafeOp | AlState::Op));
-    let up = changes.iter().find(|seen| is_up(seen.status.state())).map(|seen| seen.frame);
+    let up = way_up(device);
     let switched = &device.sync.switched;
     let before = |one: &&Switched| up.is_none_or(|up| one.frame < up);
     let then = match switched.left_off() {
@@ -115,7 +141,7 @@ fn mode(device: &Device, wanted: Option<SyncMode>) -> Option<SyncMode> {
     };
     let on = then.is_some_and(Switched::makes_sync0);
     // Some take SYNC0 that is switched on later, and others don't.
-    if !on && device.sync.is_on() || !on && !is_set_up(device) {
+    if !on && (device.sync.is_on() || !is_set_up(device)) {
         return None;
     }
     let sync1 = then.is_some_and(|then| on && then.word.makes_sync1());
@@ -362,6 +388,26 @@ fn guarded(device: &Device, set_up: bool) -> Option<bool> {
         None => (set_up || !watched).then_some(watched),
     }
 }
+
+/// The time of the process data watchdog; registers that were not written are as after power-on.
+fn watchdog(device: &Device, set_up: bool) -> Option<Nanos> {
+    let or = |known: Option<u16>, power_on| known.or(set_up.then_some(power_on));
+    let image = &device.image;
+    let divider = image.latest(register::WATCHDOG_DIVIDER).map(|known| known.value);
+    let time = image.latest(register::WATCHDOG_TIME_PROCESS_DATA).map(|known| known.value);
+    let step = (i64::from(or(divider, DIVIDER)?) + 2) * 40;
+    Some(Nanos(step * i64::from(or(time, STEPS)?)))
+}
+
+/// The largest change of the device's clock in operation.
+fn clock_set(device: &Device) -> Nanos {
+    let by = device.clock_set.kept.iter().map(|set| set.by_ns.unwrap_or(i64::MAX));
+    Nanos(by.map(i64::saturating_abs).max().unwrap_or(0))
+}
+
+/// 0x0400 and 0x0420 after power-on: 1 000 steps of 100 us.
+const DIVIDER: u16 = 2498;
+const STEPS: u16 = 1_000;
 
 /// Drift frames before operation after which clocks are together: the usual ten to fifteen thousand
 /// and what a quick MainDevice sends.

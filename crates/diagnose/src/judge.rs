@@ -4,7 +4,6 @@
 use std::time::Duration;
 
 use isocat_captures::pairing::{Seen, Tap};
-use isocat_rules::Ruling;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
 use isocat_wire::al::{AlControl, AlState};
 use isocat_wire::{ObjectAddress, PortNumber, register};
@@ -12,6 +11,7 @@ use isocat_wire::{ObjectAddress, PortNumber, register};
 use crate::clock::Reference;
 use crate::device::Device;
 use crate::finding::{Finding, Kind};
+use crate::judge::claims::Held;
 use crate::known::Known;
 use crate::observer::Observer;
 use crate::talker::Talker;
@@ -20,9 +20,9 @@ pub(crate) mod claims;
 pub(crate) mod cyclic;
 pub(crate) mod sync;
 
-/// All findings, gravest first, and each weight in the order of time. `ruling`: what the rulebook
-/// says.
-pub(crate) fn findings(observer: &Observer, tap: Tap, ruling: &Ruling) -> Vec<Finding> {
+/// All findings, gravest first, and each weight in the order of time. `rulings`: what the
+/// rulebook says.
+pub(crate) fn findings(observer: &Observer, tap: Tap, rulings: &[Held]) -> Vec<Finding> {
     let mut all = Vec::new();
     cyclic::judge(observer, tap.seen == Seen::Both, &mut all);
     sync::judge(observer, &mut all);
@@ -37,7 +37,7 @@ pub(crate) fn findings(observer: &Observer, tap: Tap, ruling: &Ruling) -> Vec<Fi
         sync_counters(place, device, &mut all);
     }
     talkers(observer, &mut all);
-    claims::judge(observer, ruling, &mut all);
+    claims::judge(rulings, &mut all);
     consequences(&mut all);
     all.sort_by_key(|finding| {
         let place = finding.order.unwrap_or(finding.frame);

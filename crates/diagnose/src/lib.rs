@@ -15,11 +15,11 @@
 //! Nothing is guessed: what the capture does not show is reported as unknown.
 //!
 //! ```no_run
-//! use isocat_diagnose::{Diagnosis, Given};
+//! use isocat_diagnose::{Diagnosis, Names};
 //! let file = std::fs::File::open("field.pcapng")?;
 //! let mut diagnosis = Diagnosis::new();
 //! diagnosis.read("field.pcapng", file)?;
-//! let report = diagnosis.report(&Given::default())?;
+//! let report = diagnosis.report(&Names::default())?;
 //! println!("{}", report.verdict.sentence);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -59,7 +59,7 @@ use isocat_captures::reading::{Frame, NoCapture, Reader, Tally};
 pub use around::Around;
 use files::Files;
 pub use finding::{KINDS, MEANINGS};
-use isocat_rules::Claims;
+pub use isocat_rules::Claims;
 pub use measured::{Grid, Measured, Onlooker};
 use observer::Observer;
 pub use report::DiagnoseReport;
@@ -73,16 +73,13 @@ pub struct Diagnosis {
     probe: Option<Probe>,
 }
 
-/// What is given beside the captures.
-#[derive(Clone, PartialEq, Debug, Default)]
-pub struct Given {
-    /// Names of devices by position, as a segment file has them.
-    pub names: Vec<String>,
-    /// Names of devices by vendor id and product code, as descriptions have them. Devices without a
-    /// name have that of their EEPROM.
+/// Names of devices, in addition to those in their EEPROMs.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Names {
+    /// By position, as a segment file has them.
+    pub positions: Vec<String>,
+    /// By vendor id and product code, as descriptions have them.
     pub identities: BTreeMap<(u32, u32), String>,
-    /// What the segment was meant to do.
-    pub claims: Option<Claims>,
 }
 
 /// Why a capture can't be diagnosed: it holds no EtherCAT frame.
@@ -148,6 +145,13 @@ impl Diagnosis {
         Self { probe, ..self }
     }
 
+    /// Also holds what the captures show against what the segment was meant to do; call it before
+    /// anything is read.
+    pub fn against(mut self, claims: Option<Claims>) -> Self {
+        self.observer.claims = claims;
+        self
+    }
+
     /// Reads a capture, which continues those that were read before. `name`: how the report names
     /// its frames. `Err`: it is neither pcapng nor pcap, and nothing of it was taken.
     pub fn read(&mut self, name: &str, source: impl Read) -> Result<(), NoCapture> {
@@ -189,15 +193,15 @@ impl Diagnosis {
     }
 
     /// Reports what was found. `Err`: no EtherCAT frame is in the captures.
-    pub fn report(self, given: &Given) -> Result<DiagnoseReport, Nothing> {
-        self.report_with(given, &mut |_| {})
+    pub fn report(self, names: &Names) -> Result<DiagnoseReport, Nothing> {
+        self.report_with(names, &mut |_| {})
     }
 
     /// Does the same as [`report`](Self::report), and calls `onlooker` with what is measured of the
     /// last cycles, which wait for their answers until then.
     pub fn report_with(
         mut self,
-        given: &Given,
+        names: &Names,
         onlooker: &mut Onlooker<'_>,
     ) -> Result<DiagnoseReport, Nothing> {
         self.pairing.end();
@@ -217,7 +221,7 @@ impl Diagnosis {
             });
         }
         let tap = self.pairing.tap();
-        Ok(report::report(&self.files, &self.observer, pairs, tap, given))
+        Ok(report::report(&self.files, &self.observer, pairs, tap, names))
     }
 
     fn observe(&mut self, onlooker: &mut Onlooker<'_>) {
@@ -229,9 +233,9 @@ impl Diagnosis {
     }
 }
 
-impl Given {
+impl Names {
     fn name(&self, position: Option<u16>, vendor: u32, product: u32) -> Option<String> {
-        let by_position = position.and_then(|position| self.names.get(usize::from(position)));
+        let by_position = position.and_then(|position| self.positions.get(usize::from(position)));
         by_position.or_else(|| self.identities.get(&(vendor, product))).cloned()
     }
 }

@@ -10,12 +10,12 @@ use std::time::Duration;
 
 use isocat_captures::pairing::{Seen, is_marked};
 use isocat_captures::reading::Frame;
-use isocat_rules::Breach;
+use isocat_rules::{Breach, Claims};
 
 use crate::finding::{Finding, Kind, Weight};
 use crate::judge::claims;
 use crate::report::{self, FindingReport};
-use crate::{DiagnoseReport, Diagnosis, Given, Nothing, judge};
+use crate::{DiagnoseReport, Diagnosis, Names, Nothing, judge};
 
 /// A diagnosis that runs while frames arrive.
 #[derive(Debug)]
@@ -77,27 +77,34 @@ impl Live {
         }
     }
 
+    /// Also holds what it hears against what the segment was meant to do.
+    pub fn against(mut self, claims: Option<Claims>) -> Self {
+        self.diagnosis = self.diagnosis.against(claims);
+        self
+    }
+
     /// Takes a frame. Frame numbers begin at 1 and grow.
     pub fn frame(&mut self, frame: Frame) {
         self.first.get_or_insert(frame.at);
         self.now = self.now.max(frame.at);
         if self.hears_first_answer(&frame) {
             let files = std::mem::take(&mut self.diagnosis.files);
-            self.diagnosis = Diagnosis { files, ..Diagnosis::new() };
+            let claims = self.diagnosis.observer.claims.take();
+            self.diagnosis = Diagnosis { files, ..Diagnosis::new().against(claims) };
         }
         self.diagnosis.take(frame);
     }
 
     /// Faults that were not reported yet, in the order of the frames that show them.
-    pub fn news(&mut self, given: &Given) -> Vec<News> {
+    pub fn news(&mut self, names: &Names) -> Vec<News> {
         let settled = self.first.is_some_and(|first| self.now >= first + SETTLE);
         if settled && self.diagnosis.pairing.decide_early() {
             self.diagnosis.observe(&mut |_| {});
         }
         let Some(tap) = self.diagnosis.pairing.tap() else { return Vec::new() };
         let observer = &self.diagnosis.observer;
-        let ruling = claims::rule(observer, given.claims.as_ref());
-        let mut findings = judge::findings(observer, tap, &ruling);
+        let rulings = claims::rulings(observer);
+        let mut findings = judge::findings(observer, tap, &rulings);
         findings.retain(|finding| {
             let later = finding.frame > self.since && is_fault(finding);
             later && !self.told.contains(&key(finding)) && self.is_news(finding)
@@ -108,7 +115,7 @@ impl Live {
         }
         findings.sort_by_key(|finding| finding.frame);
         let observer = &self.diagnosis.observer;
-        let told = report::told(&self.diagnosis.files, observer, &findings, given);
+        let told = report::told(&self.diagnosis.files, observer, &findings, names);
         let news = findings.iter().zip(told).map(|(from, finding)| News {
             symptom: symptom(&from.kind),
             frame: from.frame,
@@ -134,8 +141,8 @@ impl Live {
 
     /// Reports what was found since the last [`forget`](Self::forget). `Err`: no EtherCAT frame
     /// came.
-    pub fn report(self, given: &Given) -> Result<DiagnoseReport, Nothing> {
-        self.diagnosis.report(given)
+    pub fn report(self, names: &Names) -> Result<DiagnoseReport, Nothing> {
+        self.diagnosis.report(names)
     }
 
     /// Whether a frame is the first answer of devices after the tap was taken for one that sees

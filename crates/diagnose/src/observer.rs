@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use isocat_captures::pairing::{Exchange, Seen, Tap};
+use isocat_rules::Claims;
 use isocat_wire::al::{AlControl, AlState, AlStatus, AlStatusCode};
 use isocat_wire::register::PROCESS_RAM;
 use isocat_wire::{Command, register};
@@ -12,6 +13,7 @@ use crate::clock::Drift;
 use crate::cycle::Cycle;
 use crate::device::{Devices, Whom};
 use crate::evidence;
+use crate::judge::claims::{self, Held};
 use crate::known::{Known, Log};
 use crate::measured::{Measured, Onlooker};
 use crate::phase::{Grid, MOST_GRIDS, Phases};
@@ -50,6 +52,12 @@ pub(crate) struct Observer {
     pub operation: Option<Known<Duration>>,
     /// The last frame at which operation ended, because all devices were asked to leave it.
     pub left: Option<Known<Duration>>,
+    /// What the segment was meant to do.
+    pub claims: Option<Claims>,
+    /// The stretches of operation that have ended, held against that: the first ones.
+    pub held: Vec<Held>,
+    /// The present stretch of operation since this frame, or the last one.
+    pub stretch: Option<Known<Duration>>,
     /// Some device was seen in OP and not asked to leave it, or operation is assumed.
     operating: bool,
     /// Cycles since OP was requested, while no state was read.
@@ -92,6 +100,9 @@ impl Observer {
             reached_in: 0,
             operation: None,
             left: None,
+            claims: None,
+            held: Vec::new(),
+            stretch: None,
             operating: false,
             unwatched: None,
             assumed: false,
@@ -438,7 +449,14 @@ impl Observer {
         if self.devices.list.iter().all(leave) {
             self.began_inside = false;
         }
+        if !self.operating && operates {
+            self.stretch = Some(Known { value: at, frame });
+        }
         if self.operating && !operates {
+            // As things are before the way down changes them.
+            if self.held.len() < MOST_STRETCHES {
+                self.held.extend(claims::hold(self));
+            }
             self.left = Some(Known { value: at, frame });
             self.cycle.rhythm.pause();
             self.cycle.by_clock.pause();
@@ -447,6 +465,8 @@ impl Observer {
     }
 }
 
+/// Stretches of operation that are held against the claims.
+const MOST_STRETCHES: usize = 64;
 /// Cycles without a reading of any state, after which a requested OP counts as reached.
 const LEAST_UNWATCHED: u64 = 100;
 /// Events of one kind that are kept.

@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use isocat_captures::pairing::{Seen as TapSeen, Tally as Pairs, Tap};
-use isocat_rules::Ruling;
 
 use crate::access::shows_answers;
 use crate::files::Files;
 use crate::finding::{Finding, Sure, Weight};
+use crate::judge::claims::Held;
 use crate::observer::Observer;
-use crate::{Given, clock, cycle, judge, words};
+use crate::{Names, clock, cycle, judge, words};
 
 mod comments;
 mod device;
@@ -35,14 +35,14 @@ pub(crate) fn report(
     observer: &Observer,
     pairs: Pairs,
     tap: Option<Tap>,
-    given: &Given,
+    names: &Names,
 ) -> DiagnoseReport {
     let order = order(observer);
-    let ruling = judge::claims::rule(observer, given.claims.as_ref());
-    let findings = tap.map_or(Vec::new(), |tap| judge::findings(observer, tap, &ruling));
+    let rulings = judge::claims::rulings(observer);
+    let findings = tap.map_or(Vec::new(), |tap| judge::findings(observer, tap, &rulings));
     let builder = Builder { files, observer, order };
     let devices: Vec<DeviceReport> = (0..builder.order.len())
-        .map(|at| device::report(&builder, builder.order[at], given))
+        .map(|at| device::report(&builder, builder.order[at], names))
         .collect();
     let findings: Vec<FindingReport> =
         findings.iter().map(|finding| builder.finding(finding, &devices)).collect();
@@ -58,7 +58,7 @@ pub(crate) fn report(
         reach: builder.reach(),
         clock: builder.clock(),
         cycle: builder.cycle(),
-        claims: given.claims.as_ref().map(|_| claims_report(&ruling)),
+        claims: observer.claims.as_ref().map(|_| claims_report(&rulings)),
         around: None,
         unknown: Vec::new(),
     };
@@ -67,29 +67,35 @@ pub(crate) fn report(
     let unseen = |place: &usize| observer.devices.list[*place].states.op.is_none();
     let unseen: Vec<bool> = builder.order.iter().map(unseen).collect();
     let is_open = tap.is_some_and(|tap| tap.seen == TapSeen::Back) && observer.is_operating();
-    report.verdict = report.judge(&unseen, lacking(&ruling, given), is_open);
+    report.verdict = report.judge(&unseen, lacking(&rulings, names), is_open);
     report
 }
 
 /// The first claim without which nobody knows whether the segment is in sync as it was meant: that
 /// a SubDevice operates, has its mode, has SYNC0 with the others.
-fn lacking(ruling: &Ruling, given: &Given) -> Option<String> {
+fn lacking(rulings: &[Held], names: &Names) -> Option<String> {
     let decides = ["operates", "mode", "sync0-cycle", "in-phase"];
-    let unchecked = ruling.unchecked.iter().find(|one| decides.contains(&one.rule))?;
-    let name = unchecked.device.and_then(|at| given.names.get(at));
+    let mut unchecked = rulings.iter().flat_map(|held| &held.ruling.unchecked);
+    let unchecked = unchecked.find(|one| decides.contains(&one.rule))?;
+    let name = unchecked.device.and_then(|at| names.positions.get(at));
     Some(match name {
         Some(name) => format!("{} of {name}", unchecked.needs),
         None => unchecked.needs.to_owned(),
     })
 }
 
-fn claims_report(ruling: &Ruling) -> ClaimsReport {
-    let not_checked = ruling.unchecked.iter().map(|one| NotChecked {
-        position: one.device,
-        rule: one.rule,
-        needs: one.needs,
-    });
-    ClaimsReport { checked: ruling.checked, not_checked: not_checked.collect() }
+fn claims_report(rulings: &[Held]) -> ClaimsReport {
+    let mut report = ClaimsReport { checked: 0, not_checked: Vec::new() };
+    for Held { ruling, .. } in rulings {
+        report.checked += ruling.checked;
+        let not_checked = ruling.unchecked.iter().map(|one| NotChecked {
+            position: one.device,
+            rule: one.rule,
+            needs: one.needs,
+        });
+        report.not_checked.extend(not_checked);
+    }
+    report
 }
 
 /// Turns findings into their report.
@@ -97,12 +103,12 @@ pub(crate) fn told(
     files: &Files,
     observer: &Observer,
     findings: &[Finding],
-    given: &Given,
+    names: &Names,
 ) -> Vec<FindingReport> {
     let builder = Builder { files, observer, order: order(observer) };
     let places = builder.order.iter();
     let devices: Vec<DeviceReport> =
-        places.map(|place| device::report(&builder, *place, given)).collect();
+        places.map(|place| device::report(&builder, *place, names)).collect();
     findings.iter().map(|finding| builder.finding(finding, &devices)).collect()
 }
 

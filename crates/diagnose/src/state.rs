@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use isocat_wire::al::{AlControl, AlStatus, AlStatusCode};
+use isocat_wire::al::{AlControl, AlState, AlStatus, AlStatusCode};
 
 use crate::known::{Known, Log};
 
@@ -39,6 +39,8 @@ pub(crate) struct States {
     pub asked: Option<Known<AlControl>>,
     /// When it was first seen in OP.
     pub op: Option<Known<Duration>>,
+    /// The last frame that showed it in OP.
+    pub last_op: usize,
 }
 
 impl StateSeen {
@@ -58,7 +60,7 @@ impl StateSeen {
 impl States {
     pub fn new() -> Self {
         let (changes, requests) = (Log::new(MOST_EVENTS), Log::new(MOST_EVENTS));
-        Self { changes, requests, now: None, asked: None, op: None }
+        Self { changes, requests, now: None, asked: None, op: None, last_op: 0 }
     }
 
     /// Takes a request for a state.
@@ -77,6 +79,9 @@ impl States {
         status: AlStatus,
         code: Option<AlStatusCode>,
     ) {
+        if status.state() == Ok(AlState::Op) {
+            self.last_op = frame;
+        }
         let before = self.now.replace((status, frame));
         if before.is_none_or(|(before, _)| before != status) {
             let (before, asked) = (before.map(|(_, frame)| frame), self.asked);

@@ -1,7 +1,7 @@
 //! Tests each finding at its edge: on one side nothing is found; one step further, the finding is
 //! there. The captures are made by hand, with the frames of one device and its MainDevice.
 
-use isocat_diagnose::{DiagnoseReport, Diagnosis, Given};
+use isocat_diagnose::{DiagnoseReport, Diagnosis, Names};
 use isocat_wire::coe::{self, Service, sdo};
 use isocat_wire::datagram::Address;
 use isocat_wire::frame::{FrameWriter, duration_ns};
@@ -274,7 +274,7 @@ impl Setup {
         self.operate(&mut wire);
         let mut diagnosis = Diagnosis::new();
         diagnosis.read("made", &wire.file[..]).expect("a capture");
-        diagnosis.report(&Given::default()).expect("EtherCAT")
+        diagnosis.report(&Names::default()).expect("EtherCAT")
     }
 
     fn operate(&self, wire: &mut Wire) {

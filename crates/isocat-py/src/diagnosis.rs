@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::PathBuf;
 
-use isocat::diagnose::{Around, DiagnoseReport, Diagnosis as Reader, Given};
+use isocat::diagnose::{Around, Claims, DiagnoseReport, Diagnosis as Reader, Names};
 use isocat::html::diagnose::Diagnosed;
 use isocat::html::diagnose::figures::Figures;
 use isocat_descriptions::esi::EsiFile;
@@ -151,8 +151,8 @@ pub fn diagnose(
     if captures.is_empty() {
         return Err(Failure::argument("captures", "none", "one file or more").raise(py));
     }
-    let mut given = match segment {
-        None => Given::default(),
+    let (mut names, claims) = match segment {
+        None => (Names::default(), None),
         Some(segment) => {
             let class = py.get_type::<Segment>();
             let segment = match segment.is_instance_of::<Segment>() {
@@ -162,7 +162,7 @@ pub fn diagnose(
             let described = segment.cast::<Segment>()?.get().described();
             let scenario = described.scenario().or_raise(py)?;
             let names = scenario.devices.iter().map(|device| device.name.clone()).collect();
-            Given { names, claims: Some(scenario.claims()), ..Given::default() }
+            (Names { positions: names, ..Names::default() }, Some(scenario.claims()))
         }
     };
     let made = interruptible(py, move |stop| {
@@ -171,11 +171,11 @@ pub fn diagnose(
                 .map_err(|error| Wrong::Other(error.into()))?;
             for device in &file.devices {
                 let Some(product) = device.product_code else { continue };
-                given.identities.insert((file.vendor_id, product), device.type_name.clone());
+                names.identities.insert((file.vendor_id, product), device.type_name.clone());
             }
         }
         let mut figures = Figures::default();
-        let report = read(&captures, &given, &mut figures, stop)?;
+        let report = read(&captures, (&names, claims), &mut figures, stop)?;
         let paths: Vec<String> = captures.iter().map(|path| path.display().to_string()).collect();
         Ok(Diagnosis { report, figures, command: format!("isocat diagnose {}", paths.join(" ")) })
     })?;
@@ -187,7 +187,7 @@ pub fn diagnose(
 
 fn read(
     captures: &[PathBuf],
-    given: &Given,
+    (names, claims): (&Names, Option<Claims>),
     figures: &mut Figures,
     stop: &Stop,
 ) -> Result<DiagnoseReport, Wrong> {
@@ -195,7 +195,7 @@ fn read(
         let file = File::open(path).map_err(|error| Wrong::File(error, path.clone()))?;
         Ok(Interruptible(file, stop.clone()))
     };
-    let mut reader = Reader::new();
+    let mut reader = Reader::new().against(claims);
     for path in captures {
         let name = path.display().to_string();
         let read = reader.read_with(&name, open(path)?, &mut |one| figures.push(one));
@@ -204,7 +204,7 @@ fn read(
             Wrong::Other(Failure { place: Some(name), ..failure })
         })?;
     }
-    let report = reader.report_with(given, &mut |one| figures.push(one));
+    let report = reader.report_with(names, &mut |one| figures.push(one));
     let mut report = report.map_err(|nothing| {
         let names: Vec<String> = captures.iter().map(|path| path.display().to_string()).collect();
         Wrong::Other(Failure::new(Class::Input, format!("{}: {nothing}", names.join(", "))))

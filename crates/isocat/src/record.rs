@@ -13,7 +13,8 @@ use std::time::Duration;
 
 use isocat_captures::pairing::Seen;
 use isocat_captures::reading::Frame;
-use isocat_diagnose::Given;
+use isocat_diagnose::{Claims, Names};
+
 use isocat_diagnose::live::{Live, Symptom};
 use isocat_recorders::flight::{FlightRecorder, Limits, Reason, Told};
 use serde_json::{Value, json};
@@ -72,8 +73,10 @@ pub struct Wanted {
     pub limits: Limits,
     /// The incidents that trigger a file.
     pub on: Vec<On>,
-    /// Names of the devices, and what they are meant to do.
-    pub given: Given,
+    /// Names of the devices.
+    pub names: Names,
+    /// What they are meant to do.
+    pub claims: Option<Claims>,
 }
 
 /// Keeps frames, judges them, and triggers files.
@@ -102,7 +105,7 @@ impl Guard {
         asked: Arc<AtomicBool>,
     ) -> std::io::Result<(Self, Receiver<Event>)> {
         let recorder = FlightRecorder::new(folder, interface, wanted.limits)?;
-        let live = Live::new(interface);
+        let live = Live::new(interface).against(wanted.claims.clone());
         let (events, incoming) = sync_channel(MOST_EVENTS);
         let looked = Duration::ZERO;
         let guard = Self { recorder, live, wanted, asked, events, looked, found: false, frames: 0 };
@@ -133,7 +136,7 @@ impl Guard {
             let what = "SIGUSR1 asked for it".to_owned();
             self.happened(now, None, Reason { kind: "signal", what });
         }
-        for news in self.live.news(&self.wanted.given) {
+        for news in self.live.news(&self.wanted.names) {
             self.found = true;
             if self.wanted.on.contains(&On::of(news.symptom)) {
                 let (kind, what) = (news.finding.kind, news.finding.what);

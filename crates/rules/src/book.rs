@@ -96,6 +96,12 @@ pub const RULES: &[Rule] = &[
         check: rules::sync::starts,
     },
     Rule {
+        name: "clock-kept",
+        claims: "offset and delay of a clock stay as they are while SYNC0 runs",
+        needs: "0x0920 and 0x0928 in operation",
+        check: rules::sync::clock_kept,
+    },
+    Rule {
         name: "sync0-cycle",
         claims: "SYNC0 has the cycle that was asked for",
         needs: "0x09A0",
@@ -160,6 +166,12 @@ pub const RULES: &[Rule] = &[
         claims: "outputs are guarded by the process data watchdog",
         needs: "the watchdog's registers",
         check: rules::data::guarded,
+    },
+    Rule {
+        name: "watchdog",
+        claims: "the process data watchdog has the time that was asked for",
+        needs: "the watchdog's registers",
+        check: rules::data::watchdog,
     },
 ];
 

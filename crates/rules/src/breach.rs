@@ -84,6 +84,18 @@ kinds! {
         },
         /// The outputs of the SubDevice are not guarded by its process data watchdog.
         WatchdogOff = "watchdog-off",
+        /// The process data watchdog has another time than was asked for.
+        OtherWatchdog = "other-watchdog" {
+            /// The time that was asked for.
+            wanted: Nanos,
+            /// The time by its registers.
+            found: Nanos,
+        },
+        /// The clock of the SubDevice was set anew while it operated, and its SYNC0 jumped.
+        ClockSet = "clock-set" {
+            /// The largest change of its offset (0x0920) or its delay (0x0928).
+            by: Nanos,
+        },
         /// The reference time did not reach the clocks for so long that they may have run apart
         /// further than SYNC0 may.
         TimeNotDistributed = "time-not-distributed" {

@@ -33,4 +33,6 @@ pub struct DeviceClaims {
     pub has_data: bool,
     /// Whether its outputs, if it has some, are guarded by the process data watchdog.
     pub guarded: bool,
+    /// The time of that watchdog.
+    pub watchdog: Option<Nanos>,
 }

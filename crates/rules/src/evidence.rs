@@ -61,4 +61,8 @@ pub struct DeviceEvidence {
     pub logical: Option<[Vec<Range<u64>>; 2]>,
     /// Whether the process data watchdog guards its outputs.
     pub guarded: Option<bool>,
+    /// The time of that watchdog (0x0400, 0x0420).
+    pub watchdog: Option<Nanos>,
+    /// The largest change of the offset (0x0920) or the delay (0x0928) of its clock in operation.
+    pub clock_set: Option<Nanos>,
 }

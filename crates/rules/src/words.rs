@@ -55,6 +55,12 @@ impl Breach {
                 "leave 0x0400 and 0x0420 as they are after power-on, or write a time of some cycles",
                 "write the SyncManager's control byte as the EEPROM has it",
             ],
+            Self::OtherWatchdog { .. } => {
+                &["write the time to 0x0420, in steps of what 0x0400 says (100 us after power-on)"]
+            }
+            Self::ClockSet { .. } => {
+                &["leave offset and delay alone while SYNC0 runs: drift frames keep the clock"]
+            }
             Self::TimeNotDistributed { .. } => &["send FRMW of 0x0910 in each cycle"],
             Self::FramesSlide { .. } => {
                 &["correct the MainDevice's timer by the time that FRMW brings"]
@@ -114,6 +120,12 @@ fn said(breach: &Breach) -> String {
             "nothing guards its outputs: its process data watchdog is off (0x0420, or bit 6 of its SyncManager's control)"
                 .into()
         }
+        Breach::OtherWatchdog { wanted, found } => format!(
+            "its process data watchdog has {found} (0x0400, 0x0420), and is to have {wanted} (watchdog)"
+        ),
+        Breach::ClockSet { by } => format!(
+            "its clock was set anew in operation, by {by} (0x0920 or 0x0928), and SYNC0 jumped with it"
+        ),
         Breach::TimeNotDistributed { gap, limit } => format!(
             "the reference time was not distributed for {}: after {} clocks may be too far apart",
             time((*gap).into()),

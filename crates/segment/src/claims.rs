@@ -55,6 +55,9 @@ impl Scenario {
             in_phase: acts_on_sync0,
             has_data: has_data(&device.profile),
             guarded: self.watchdog != Some(Nanos::ZERO) && asks_for_watchdog(&device.profile),
+            watchdog: self
+                .watchdog
+                .filter(|time| *time > Nanos::ZERO && asks_for_watchdog(&device.profile)),
         }
     }
 }

@@ -76,8 +76,12 @@ pub(crate) fn of_attempt(served: &Served, conduct: &Conduct, reference: usize) -
 }
 
 fn mean_cycle(conduct: &Conduct) -> Option<Nanos> {
-    let cycle = &conduct.cycle;
-    (cycle.count() >= LEAST_CYCLES).then(|| Nanos((cycle.intervals.mean() / 1_000.0) as i64))
+    // One pause is no other cycle.
+    let intervals = &conduct.cycle.intervals;
+    let rest = intervals.count().saturating_sub(1);
+    let sum = intervals.mean() * intervals.count() as f64 - intervals.largest() as f64;
+    (conduct.cycle.count() >= LEAST_CYCLES && rest > 0)
+        .then(|| Nanos((sum / rest as f64 / 1_000.0) as i64))
 }
 
 fn device(served: &Served, conduct: &Conduct, at: usize, judged: &JudgedDevice) -> DeviceEvidence {
@@ -112,7 +116,27 @@ fn device(served: &Served, conduct: &Conduct, at: usize, judged: &JudgedDevice) 
             sm.control & SyncManager::CONTROL_WATCHDOG != 0
                 && esc.register(register::WATCHDOG_TIME_PROCESS_DATA) > 0
         })),
+        watchdog: Some(watchdog(device)),
+        clock_set: Some(clock_set(judged.clock_before, clock(device))),
     }
+}
+
+/// The time of the process data watchdog: steps of some ticks of 40 ns.
+fn watchdog(device: &Device) -> Nanos {
+    let step = (i64::from(device.esc.register(register::WATCHDOG_DIVIDER)) + 2) * 40;
+    Nanos(step * i64::from(device.esc.register(register::WATCHDOG_TIME_PROCESS_DATA)))
+}
+
+/// Offset and delay of the clock, ns.
+pub(crate) fn clock(device: &Device) -> [i64; 2] {
+    let offset = device.esc.register(register::SYSTEM_TIME_OFFSET).cast_signed();
+    [offset, device.esc.register(register::SYSTEM_TIME_DELAY).into()]
+}
+
+/// The larger one of the changes of offset and delay.
+fn clock_set(before: [i64; 2], now: [i64; 2]) -> Nanos {
+    let changes = before.into_iter().zip(now).map(|(before, now)| now.wrapping_sub(before));
+    Nanos(changes.map(i64::saturating_abs).max().unwrap_or(0))
 }
 
 /// The time from a frame to the SYNC0 that belongs to it, by two instants of the reference clock in

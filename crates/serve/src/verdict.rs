@@ -65,6 +65,8 @@ pub struct JudgedDevice {
     pub counters: [u32; 4],
     /// The same counters when the judging began.
     pub counters_before: [u32; 4],
+    /// Offset (0x0920) and delay (0x0928) of its clock when the judging began, ns.
+    pub clock_before: [i64; 2],
     /// Whether it has process data of its own.
     pub has_process_data: bool,
     /// Whether it has outputs.
@@ -76,12 +78,17 @@ pub struct JudgedDevice {
 impl Judged {
     /// An empty judgement that begins at `at`.
     pub(crate) fn begin(served: &Served, at: Time<True>) -> Self {
-        Self::new(served, (at, at), |position| counters(served, position))
+        Self::new(served, (at, at), |position| {
+            (counters(served, position), evidence::clock(&served.segment().devices()[position]))
+        })
     }
 
     /// The same judgement as of `ended`.
     pub(crate) fn until(&self, case: Case<'_>, ended: Time<True>) -> Self {
-        let before = |position: usize| self.devices[position].counters_before;
+        let before = |position: usize| {
+            let JudgedDevice { counters_before, clock_before, .. } = &self.devices[position];
+            (*counters_before, *clock_before)
+        };
         let mut judged = Self::new(case.served, (self.began, ended), before);
         judged.hold_against(case);
         judged
@@ -117,7 +124,7 @@ impl Judged {
     fn new(
         served: &Served,
         (began, ended): (Time<True>, Time<True>),
-        before: impl Fn(usize) -> [u32; 4],
+        before: impl Fn(usize) -> ([u32; 4], [i64; 2]),
     ) -> Self {
         let devices: Vec<_> = (0..served.segment().devices().len())
             .map(|at| device(served, at, before(at), (began, ended)))
@@ -152,7 +159,7 @@ fn counters(served: &Served, position: usize) -> [u32; 4] {
 fn device(
     served: &Served,
     at: usize,
-    counters_before: [u32; 4],
+    (counters_before, clock_before): ([u32; 4], [i64; 2]),
     (began, ended): (Time<True>, Time<True>),
 ) -> JudgedDevice {
     let (device, bench) = (&served.segment().devices()[at], &served.bench().devices()[at]);
@@ -172,6 +179,7 @@ fn device(
         sync0_in_frame: served.sync0_in_frame()[at],
         counters: counters(served, at),
         counters_before,
+        clock_before,
         has_outputs: sync.has_outputs(),
         has_process_data: sync.has_outputs() || sync.has_inputs(),
         findings: Vec::new(),

@@ -178,7 +178,7 @@ fn untested(course: &Course, evidence: &Evidence<'_>) -> Option<Found> {
     happened.peek()?;
     let lasts = |one: &Happened| one.begins && one.lasts.is_none() && one.fault.can_end();
     let is_over = |one: &&Happened| one.at < course.began() && !lasts(one);
-    happened.all(|happened| is_over(happened)).then_some(Found::NoFault)
+    happened.all(is_over).then_some(Found::NoFault)
 }
 
 fn in_sync_at(when: When, course: &Course, end: Time<True>) -> (bool, Found) {

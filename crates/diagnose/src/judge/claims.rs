@@ -1,28 +1,55 @@
 //! What is otherwise than it was meant, by the rulebook, beside what the frames alone show. Of two
 //! findings about the same thing the one that explains more stays.
 
-use isocat_rules::{Breach, Breached, Claims, Ruling};
+use std::time::Duration;
+
+use isocat_rules::{Breach, Breached, Ruling};
 
 use crate::evidence;
 use crate::finding::{Finding, Kind};
 use crate::observer::Observer;
 
-/// The ruling about a capture; without claims there is nothing to check.
-pub(crate) fn rule(observer: &Observer, claims: Option<&Claims>) -> Ruling {
-    let judge = |claims| isocat_rules::judge(claims, &evidence::of(observer, claims));
-    claims.map(judge).unwrap_or_default()
+/// A stretch of operation, held against what was meant.
+#[derive(Clone, Debug)]
+pub(crate) struct Held {
+    pub ruling: Ruling,
+    /// For each breach the place of its device, the first frame that shows it, and when that was.
+    shown: Vec<(Option<usize>, usize, Option<Duration>)>,
 }
 
-pub(super) fn judge(observer: &Observer, ruling: &Ruling, all: &mut Vec<Finding>) {
-    for Breached { device, breach } in &ruling.breached {
+/// Holds the present stretch of operation against the claims; `None` without claims.
+pub(crate) fn hold(observer: &Observer) -> Option<Held> {
+    let claims = observer.claims.as_ref()?;
+    let ruling = isocat_rules::judge(claims, &evidence::of(observer, claims));
+    let shown = ruling.breached.iter().map(|Breached { device, breach }| {
         let place = device.and_then(|at| observer.devices.at(u16::try_from(at).ok()?));
-        if all.iter().any(|own| says_more(own, breach, place)) {
+        let (frame, at) = evidence::shown(observer, place, breach);
+        (place, frame, at)
+    });
+    Some(Held { shown: shown.collect(), ruling })
+}
+
+/// All stretches of operation so far, held against the claims.
+pub(crate) fn rulings(observer: &Observer) -> Vec<Held> {
+    let ended = observer.held.iter().cloned();
+    // After the last stretch only the way down is left.
+    let goes_on = observer.is_operating() || observer.held.is_empty();
+    ended.chain(hold(observer).filter(|_| goes_on)).collect()
+}
+
+pub(super) fn judge(rulings: &[Held], all: &mut Vec<Finding>) {
+    let breaches = rulings.iter().flat_map(|held| held.ruling.breached.iter().zip(&held.shown));
+    let mut told: Vec<(Option<usize>, &'static str)> = Vec::new();
+    for (Breached { breach, .. }, (place, frame, at)) in breaches {
+        let key = (*place, breach.name());
+        let again = told.contains(&key);
+        if again || all.iter().any(|own| says_more(own, breach, *place)) {
             continue;
         }
-        all.retain(|own| !says_less(own, breach, place));
-        let (frame, at) = evidence::shown(observer, place, breach);
-        let finding = Finding::new(Kind::Breached(breach.clone()), place, frame);
-        all.push(Finding { at, ..finding });
+        told.push(key);
+        all.retain(|own| !says_less(own, breach, *place));
+        let finding = Finding::new(Kind::Breached(breach.clone()), *place, *frame);
+        all.push(Finding { at: *at, ..finding });
     }
 }
 
@@ -46,6 +73,7 @@ fn says_more(own: &Finding, breach: &Breach, place: Option<usize>) -> bool {
         }
         Breach::FramesSlide { .. } => matches!(own.kind, Kind::HostSlides { .. }),
         Breach::SeveralTalkers { .. } => matches!(own.kind, Kind::AnotherTalker { .. }),
+        Breach::ClockSet { .. } => of_device && matches!(own.kind, Kind::ClockSet { .. }),
         _ => false,
     }
 }

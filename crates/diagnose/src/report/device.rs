@@ -9,7 +9,7 @@ use isocat_wire::fmmu::Fmmu;
 use isocat_wire::register::{self, Value};
 
 use super::{Builder, Shown};
-use crate::Given;
+use crate::Names;
 use crate::counters;
 use crate::device::Device;
 use crate::judge;
@@ -36,7 +36,7 @@ impl DeviceReport {
 }
 
 /// Makes the part of one device. `place`: its place in the observer's list.
-pub(super) fn report(builder: &Builder<'_>, place: usize, given: &Given) -> DeviceReport {
+pub(super) fn report(builder: &Builder<'_>, place: usize, names: &Names) -> DeviceReport {
     let device = &builder.observer.devices.list[place];
     let identity = Identity {
         vendor: builder.shown(device.sii.vendor()),
@@ -47,7 +47,7 @@ pub(super) fn report(builder: &Builder<'_>, place: usize, given: &Given) -> Devi
     };
     let known = identity.vendor.as_ref().zip(identity.product.as_ref());
     let (vendor, product) = known.map_or((0, 0), |(vendor, product)| (vendor.value, product.value));
-    let named = given.name(device.position, vendor, product);
+    let named = names.name(device.position, vendor, product);
     let differences = &device.differences;
     let depths = (register::TIME_FILTER_DEPTH, register::SPEED_FILTER_DEPTH);
     let depths = device.image.latest(depths.0).zip(device.image.latest(depths.1));

@@ -12,7 +12,8 @@ use isocat_captures::reading::Frame;
 use isocat_captures::reading::NoCapture;
 use isocat_descriptions::esi::EsiFile;
 use isocat_diagnose::report::VerdictKind;
-use isocat_diagnose::{Around, DiagnoseReport, Diagnosis, Given};
+use isocat_diagnose::{Around, Claims, DiagnoseReport, Diagnosis, Names};
+
 use isocat_segment::{Scenario, SegmentFile};
 
 use super::run::{command, is_page, json, write_report};
@@ -99,6 +100,13 @@ struct Live {
     span: Option<isocat_wire::Nanos>,
 }
 
+/// What is given beside the captures.
+#[derive(Default)]
+pub(super) struct Given {
+    pub names: Names,
+    pub claims: Option<Claims>,
+}
+
 /// Diagnoses; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     let (annotate, report) = (arguments.annotate.as_deref(), arguments.report.as_deref());
@@ -175,7 +183,7 @@ impl Live {
         let stop = super::interface::stop_on_signals()
             .map_err(|error| format!("signals can't be caught: {error}"))?;
         let name = format!("the interface {interface}");
-        let mut live = isocat_diagnose::live::Live::new(&name);
+        let mut live = isocat_diagnose::live::Live::new(&name).against(given.claims.clone());
         let mut number = 0;
         let span = self.span.unwrap_or(LISTEN);
         let bar = super::run::progress_bar(span);
@@ -201,7 +209,7 @@ impl Live {
                 "warning: {dropped} frames were not heard: this machine was too slow, and what seems lost may be among them"
             );
         }
-        live.report(given).map_err(|nothing| format!("{name}: {nothing}"))
+        live.report(&given.names).map_err(|nothing| format!("{name}: {nothing}"))
     }
 }
 
@@ -211,7 +219,8 @@ fn diagnose(
     figures: &mut Figures,
 ) -> Result<DiagnoseReport, String> {
     let captures = &arguments.captures;
-    let mut diagnosis = Diagnosis::new().with_probe(arguments.probe);
+    let diagnosis = Diagnosis::new().with_probe(arguments.probe);
+    let mut diagnosis = diagnosis.against(given.claims.clone());
     for path in captures {
         let name = path.display().to_string();
         let file = File::open(path).map_err(|error| format!("{name}: can't be read: {error}"))?;
@@ -226,7 +235,7 @@ fn diagnose(
         }
     }
     let all: Vec<String> = captures.iter().map(|path| path.display().to_string()).collect();
-    let report = diagnosis.report_with(given, &mut |one| figures.push(one));
+    let report = diagnosis.report_with(&given.names, &mut |one| figures.push(one));
     let mut report = report.map_err(|nothing| format!("{}: {nothing}", all.join(", ")))?;
     look_around(arguments, &mut report);
     Ok(report)
@@ -276,7 +285,7 @@ fn given(arguments: &Arguments) -> Result<Given, String> {
         let file = EsiFile::read(path).map_err(|error| error.to_string())?;
         for device in &file.devices {
             let Some(product) = device.product_code else { continue };
-            given.identities.insert((file.vendor_id, product), device.type_name.clone());
+            given.names.identities.insert((file.vendor_id, product), device.type_name.clone());
         }
     }
     Ok(given)
@@ -289,7 +298,8 @@ pub(super) fn of_segment(path: &str, as_is: bool) -> Result<Given, String> {
     let mut scenario = Scenario::from(file);
     scenario.as_is |= as_is;
     let names = scenario.devices.iter().map(|device| device.name.clone()).collect();
-    Ok(Given { names, claims: Some(scenario.claims()), ..Given::default() })
+    let names = Names { positions: names, ..Names::default() };
+    Ok(Given { names, claims: Some(scenario.claims()) })
 }
 
 /// Time to listen without --for.

@@ -9,13 +9,15 @@ use std::time::Duration;
 use clap::Args;
 use isocat_captures::pairing::Seen;
 use isocat_descriptions::quantity;
-use isocat_diagnose::Given;
+use isocat_diagnose::{Claims, Names};
+
 use isocat_host::Listener;
 use isocat_recorders::flight::{Limits, Told};
 use isocat_wire::Nanos;
 use serde_json::json;
 use signal_hook::consts::SIGUSR1;
 
+use super::diagnose::Given;
 use super::listen::{Heard, listen};
 use super::run::duration;
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
@@ -100,7 +102,7 @@ pub struct Recording {
 }
 
 impl Keys {
-    fn wanted(&self, given: Given) -> Wanted {
+    fn wanted(&self, names: Names, claims: Option<Claims>) -> Wanted {
         let limits = Limits {
             keep: self.keep.unwrap_or(KEEP),
             after: self.after.unwrap_or(AFTER),
@@ -108,7 +110,7 @@ impl Keys {
             most_files: self.most_files.unwrap_or(MOST_FILES).into(),
         };
         let on = if self.on.is_empty() { On::ALL.to_vec() } else { self.on.clone() };
-        Wanted { limits, on, given }
+        Wanted { limits, on, names, claims }
     }
 
     /// The first option that was given.
@@ -133,8 +135,8 @@ impl Recording {
         names: Vec<String>,
     ) -> Result<Option<(Guard, Receiver<Event>)>, String> {
         let Some(folder) = &self.record else { return self.refused().map_or(Ok(None), Err) };
-        let given = Given { names, ..Given::default() };
-        guard(folder, interface, self.keys.wanted(given)).map(Some)
+        let names = Names { positions: names, ..Names::default() };
+        guard(folder, interface, self.keys.wanted(names, None)).map(Some)
     }
 
     /// The error for options without a recording; `None` if there is none.
@@ -184,7 +186,7 @@ pub fn run(arguments: &Arguments) -> u8 {
 }
 
 fn record(arguments: &Arguments) -> Result<u8, String> {
-    let given = match &arguments.segment {
+    let Given { names, claims } = match &arguments.segment {
         None => Given::default(),
         Some(path) => super::diagnose::of_segment(path, arguments.as_is)?,
     };
@@ -193,7 +195,7 @@ fn record(arguments: &Arguments) -> Result<u8, String> {
         Listener::open(interface, arguments.netns.as_deref()).map_err(|error| error.to_string())?;
     let stop = super::interface::stop_on_signals()
         .map_err(|error| format!("signals can't be caught: {error}"))?;
-    let wanted = arguments.keys.wanted(given);
+    let wanted = arguments.keys.wanted(names, claims);
     let (mut guard, events) = guard(&arguments.into, interface, wanted)?;
     let mut log = Log { json: arguments.json, happened: 0, failed: 0, code: IN_SYNC };
     log.begin(arguments);

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use isocat::capture::Capture;
 use isocat::diagnose::report::{SeenKind, VerdictKind, WeightKind};
-use isocat::diagnose::{DiagnoseReport, Diagnosis, Given};
+use isocat::diagnose::{DiagnoseReport, Diagnosis, Names};
 use isocat::reading::{Frame, Reading};
 use isocat::{Nanos, Report, Scenario, SegmentFile};
 
@@ -39,7 +39,7 @@ fn built_in() -> (Vec<u8>, Report) {
 fn diagnosed(file: &[u8]) -> DiagnoseReport {
     let mut diagnosis = Diagnosis::new();
     diagnosis.read("x.pcapng", file).expect("a capture");
-    diagnosis.report(&Given::default()).expect("EtherCAT")
+    diagnosis.report(&Names::default()).expect("EtherCAT")
 }
 
 /// The frames of a capture, changed, as a file again.
@@ -371,7 +371,7 @@ fn several_files_are_one_capture() {
     for (name, file) in [("a.pcapng", &first), ("b.pcapng", &second)] {
         diagnosis.read(name, &file[..]).expect("a capture");
     }
-    let report = diagnosis.report(&Given::default()).expect("EtherCAT");
+    let report = diagnosis.report(&Names::default()).expect("EtherCAT");
     assert_eq!(report.frames, whole.frames);
     let frames = |report: &DiagnoseReport| {
         let all = report.devices.iter().flat_map(|device| &device.states);
@@ -393,7 +393,7 @@ fn damaged_captures() {
     for at in (0..file.len()).step_by(file.len() / 97) {
         let mut diagnosis = Diagnosis::new();
         if diagnosis.read("cut", &file[..at]).is_ok() {
-            let _ = diagnosis.report(&Given::default()).map(|report| report.text());
+            let _ = diagnosis.report(&Names::default()).map(|report| report.text());
         }
         let mut damaged = file.clone();
         for byte in damaged.iter_mut().skip(at).step_by(1009) {
@@ -401,7 +401,7 @@ fn damaged_captures() {
         }
         let mut diagnosis = Diagnosis::new();
         if diagnosis.read("damaged", &damaged[..]).is_ok() {
-            let _ = diagnosis.report(&Given::default()).map(|report| report.text());
+            let _ = diagnosis.report(&Names::default()).map(|report| report.text());
         }
     }
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use isocat::capture::Capture;
 use isocat::diagnose::report::WeightKind;
-use isocat::diagnose::{DiagnoseReport, Diagnosis, Given};
+use isocat::diagnose::{DiagnoseReport, Diagnosis, Names};
 use isocat::reading::{Frame, Reading};
 use isocat::{Scenario, SegmentFile};
 
@@ -162,7 +162,7 @@ fn row(made: &Made) -> Row {
         for (tap, counts) in counts.iter_mut().enumerate() {
             let mut diagnosis = Diagnosis::new();
             diagnosis.read("made", &seen(&file, tap)[..]).expect("a capture");
-            let report = diagnosis.report(&Given::default()).expect("EtherCAT");
+            let report = diagnosis.report(&Names::default()).expect("EtherCAT");
             let hit = hit(&report, made, axis, tap);
             counts[hit as usize] += 1;
             if hit != Hit::Right {

@@ -2,7 +2,7 @@
 
 use isocat::capture::Capture;
 use isocat::diagnose::report::{FindingReport, VerdictKind, WeightKind};
-use isocat::diagnose::{DiagnoseReport, Diagnosis, Given};
+use isocat::diagnose::{DiagnoseReport, Diagnosis, Names};
 use isocat::reading::Reading;
 use isocat::{Nanos, Scenario, SegmentFile};
 use isocat_rules::Claims;
@@ -38,11 +38,10 @@ fn ran() -> (Vec<u8>, Claims) {
 }
 
 fn held_against(file: &[u8], claims: &Claims) -> DiagnoseReport {
-    let mut diagnosis = Diagnosis::new();
+    let mut diagnosis = Diagnosis::new().against(Some(claims.clone()));
     diagnosis.read("line.pcapng", file).expect("a capture");
     let names = ["axis 1", "axis 2", "I/O"].map(str::to_owned).to_vec();
-    let given = Given { names, claims: Some(claims.clone()), ..Given::default() };
-    diagnosis.report(&given).expect("EtherCAT")
+    diagnosis.report(&Names { positions: names, ..Names::default() }).expect("EtherCAT")
 }
 
 fn faults(report: &DiagnoseReport) -> Vec<&FindingReport> {

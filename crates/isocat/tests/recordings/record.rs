@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use isocat::capture::Capture;
 use isocat::diagnose::live::{Live, News, Symptom};
-use isocat::diagnose::{DiagnoseReport, Diagnosis, Given};
+use isocat::diagnose::{DiagnoseReport, Diagnosis, Names};
 use isocat::flight::{Limits, Told};
 use isocat::reading::{Frame, Reading};
 use isocat::record::{Event, Guard, On, Wanted};
@@ -70,7 +70,7 @@ fn wanted(on: &[On]) -> Wanted {
         most_files: 10,
     };
     let positions = ["io", "axis 1", "axis 2"].map(str::to_owned).to_vec();
-    Wanted { limits, on: on.to_vec(), given: Given { names: positions, ..Given::default() } }
+    Wanted { limits, on: on.to_vec(), names: Names { positions, ..Names::default() }, claims: None }
 }
 
 /// A guard that saw all these frames; `hook` comes before each. Its events.
@@ -115,7 +115,7 @@ fn diagnosed(path: &Path) -> DiagnoseReport {
     let mut diagnosis = Diagnosis::new();
     let file = std::fs::File::open(path).expect("it was written");
     diagnosis.read("x.pcapng", file).expect("a capture");
-    diagnosis.report(&Given::default()).expect("EtherCAT")
+    diagnosis.report(&Names::default()).expect("EtherCAT")
 }
 
 /// What a live judge says that is asked each 20 ms: each news with the time at which it was told.
@@ -126,7 +126,7 @@ fn told(frames: &[Frame], mut forgets: impl FnMut(Duration) -> bool) -> Vec<(Dur
     for frame in frames {
         if frame.at >= look {
             look = frame.at + Duration::from_millis(20);
-            let news = live.news(&Given::default());
+            let news = live.news(&Names::default());
             all.extend(news.into_iter().map(|news| (frame.at, news)));
             if forgets(frame.at) {
                 live.forget();
@@ -163,7 +163,7 @@ fn a_fault_is_told_while_it_is_young() {
         }
         let file = capture.finish().expect("a Vec takes everything");
         diagnosis.read("x.pcapng", &file[..]).expect("a capture");
-        let report = diagnosis.report(&Given::default()).expect("EtherCAT");
+        let report = diagnosis.report(&Names::default()).expect("EtherCAT");
         let first = report.findings.iter().find(|finding| finding.kind == kind);
         assert_eq!(first.map(|first| first.frame.frame), Some(news.frame), "{what}");
     }

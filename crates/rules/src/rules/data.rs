@@ -2,6 +2,8 @@
 
 use core::ops::Range;
 
+use isocat_wire::time::Nanos;
+
 use super::operating;
 use crate::book::Findings;
 use crate::breach::Breach;
@@ -71,6 +73,22 @@ pub(crate) fn own_address(claims: &Claims, evidence: &Evidence, findings: &mut F
     }
 }
 
+pub(crate) fn watchdog(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
+    for (at, claim, seen) in operating(claims, evidence) {
+        let Some(wanted) = claim.watchdog else { continue };
+        match seen.watchdog {
+            // Where nothing is guarded that is said already.
+            _ if seen.guarded == Some(false) => {}
+            _ if seen.lengths.is_some_and(|lengths| lengths[0] == 0) => {}
+            None => findings.unknown(Some(at)),
+            Some(found) if (found - wanted).abs() <= Nanos(wanted.0 / 10).max(STEP) => {
+                findings.kept();
+            }
+            Some(found) => findings.broken(Some(at), Breach::OtherWatchdog { wanted, found }),
+        }
+    }
+}
+
 pub(crate) fn guarded(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
     for (at, _, seen) in operating(claims, evidence).filter(|(_, claim, _)| claim.guarded) {
         match seen.guarded {
@@ -81,3 +99,6 @@ pub(crate) fn guarded(claims: &Claims, evidence: &Evidence, findings: &mut Findi
         }
     }
 }
+
+/// The step of a watchdog's time after power-on.
+const STEP: Nanos = Nanos::micros(100);

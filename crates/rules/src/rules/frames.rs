@@ -5,7 +5,7 @@ use isocat_wire::time::Nanos;
 use crate::book::Findings;
 use crate::breach::Breach;
 use crate::claims::Claims;
-use crate::evidence::Evidence;
+use crate::evidence::{Evidence, Slide};
 
 pub(crate) fn cycle(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
     let Some(wanted) = claims.cycle else { return };
@@ -22,13 +22,19 @@ pub(crate) fn steady(claims: &Claims, evidence: &Evidence, findings: &mut Findin
     let timed = evidence.devices.iter().any(|device| device.sync0_cycle.is_some());
     let Some(cycle) = claims.cycle.or(evidence.cycle).filter(|_| timed) else { return };
     let Some(slide) = evidence.slide else { return findings.unknown(None) };
-    let (speed, doubt) = (slide.per_second.0.abs(), slide.uncertainty.0);
-    if speed <= STEADY.0.max(SURE * doubt) {
+    if !slides(evidence) {
         return findings.kept();
     }
+    let speed = slide.per_second.0.abs();
     let half_cycle_after = Nanos((i128::from(cycle.0) * 500_000_000 / i128::from(speed)) as i64);
     let per_second = slide.per_second;
     findings.broken(None, Breach::FramesSlide { per_second, half_cycle_after });
+}
+
+/// Whether frames are known to slide, so that they have no place in the cycle.
+pub(crate) fn slides(evidence: &Evidence) -> bool {
+    let sure = |slide: Slide| slide.per_second.0.abs() > STEADY.0.max(SURE * slide.uncertainty.0);
+    evidence.slide.is_some_and(sure)
 }
 
 pub(crate) fn one_talker(_: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {

@@ -3,6 +3,7 @@
 use isocat_sync::SyncMode;
 use isocat_wire::time::{Nanos, Picos};
 
+use super::frames::slides;
 use super::operating;
 use crate::book::Findings;
 use crate::breach::Breach;
@@ -46,6 +47,21 @@ pub(crate) fn starts(claims: &Claims, evidence: &Evidence, findings: &mut Findin
     }
 }
 
+pub(crate) fn clock_kept(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
+    // What the clocks of others say matters to SYNC0 alone.
+    let timed = evidence.devices.iter().any(|device| device.sync0_cycle.is_some());
+    for (at, _, seen) in operating(claims, evidence).filter(|_| timed) {
+        match seen.clock_set {
+            None => findings.unknown(Some(at)),
+            Some(by) if by <= claims.sync0_limit.max(LEAST_JUMP) => findings.kept(),
+            Some(by) => findings.broken(Some(at), Breach::ClockSet { by }),
+        }
+    }
+}
+
+/// A change of a clock that no MainDevice makes to keep it.
+const LEAST_JUMP: Nanos = Nanos::micros(1);
+
 pub(crate) fn sync0_cycle(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
     for (at, claim, seen) in operating(claims, evidence) {
         let Some(wanted) = claim.sync0_cycle else { continue };
@@ -66,7 +82,9 @@ pub(crate) fn shift(claims: &Claims, evidence: &Evidence, findings: &mut Finding
         if is_explained_by_mode(claim.mode, seen.mode) {
             continue;
         }
-        let Some(found) = seen.frame_to_sync0 else {
+        // Of frames that slide there is no distance.
+        let distance = seen.frame_to_sync0.filter(|_| !slides(evidence));
+        let Some(found) = distance else {
             findings.unknown(Some(at));
             continue;
         };

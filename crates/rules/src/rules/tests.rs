@@ -25,6 +25,7 @@ fn claims() -> Claims {
         in_phase: true,
         has_data: true,
         guarded: true,
+        watchdog: Some(Nanos::millis(100)),
     };
     let io = DeviceClaims { operates: true, has_data: true, ..<_>::default() };
     let devices = vec![drive.clone(), drive, io];
@@ -51,6 +52,8 @@ fn evidence() -> Evidence {
         exchanged: [Some(true); 2],
         logical: Some([one(at..at + 48), one(at..at + 48)]),
         guarded: Some(true),
+        watchdog: Some(Nanos::millis(100)),
+        clock_set: Some(Nanos::ZERO),
     };
     let io = DeviceEvidence {
         state: Some((AlState::Op, AlStatusCode(0))),
@@ -61,6 +64,7 @@ fn evidence() -> Evidence {
         exchanged: [Some(true), None],
         logical: Some([one(96..104), Vec::new()]),
         guarded: Some(true),
+        clock_set: Some(Nanos::ZERO),
         ..DeviceEvidence::default()
     };
     Evidence {
@@ -93,8 +97,8 @@ fn a_segment_as_it_was_meant_keeps_every_claim() {
     assert_eq!((ruling.breached, ruling.unchecked), (vec![], vec![]));
     // Three states, two modes, two starts, two cycles, two shifts, one pair in phase, cycle, phase
     // and sender of the frames, time, three times data, five directions, five ranges, two
-    // watchdogs.
-    assert_eq!(ruling.checked, 3 + 2 + 2 + 2 + 2 + 1 + 3 + 1 + 3 + 5 + 5 + 2);
+    // watchdogs and their times, three clocks that are kept.
+    assert_eq!(ruling.checked, 3 + 2 + 2 + 2 + 2 + 1 + 3 + 1 + 3 + 5 + 5 + 2 + 2 + 3);
 }
 
 #[test]
@@ -105,9 +109,10 @@ fn without_evidence_nothing_is_checked_and_each_claim_says_so() {
     assert_eq!((ruling.breached, ruling.checked), (vec![], 0));
     let rules: std::collections::BTreeSet<_> =
         ruling.unchecked.iter().map(|one| one.rule).collect();
-    // Without a SYNC0 that is known to run, its start and the frames' phase and time are no claims.
+    // Without a SYNC0 that is known to run, its start, the clocks, and the phase and time of the
+    // frames are no claims.
     let all = crate::book::RULES.iter().map(|rule| rule.name);
-    let expected = all.filter(|name| !matches!(*name, "starts" | "steady" | "time"));
+    let expected = all.filter(|name| !matches!(*name, "starts" | "clock-kept" | "steady" | "time"));
     assert_eq!(rules, expected.collect());
 }
 
@@ -123,6 +128,48 @@ fn without_claims_only_what_is_never_right_is_judged() {
     evidence.devices[0].exchanged[1] = Some(false);
     let expected = of(0, Breach::NotCarried { outputs: false });
     assert_eq!(judge(&nothing, &evidence).breached, expected);
+}
+
+#[test]
+fn a_clock_is_kept_by_drift_frames_alone() {
+    let set = |by: Nanos| breaches(|evidence| evidence.devices[1].clock_set = Some(by));
+    assert_eq!(set(Nanos(1_000)), []);
+    assert_eq!(set(Nanos(1_001)), of(1, Breach::ClockSet { by: Nanos(1_001) }));
+    // Without SYNC0 nothing jumps with it.
+    let without = |evidence: &mut Evidence| {
+        evidence.devices[2].clock_set = Some(Nanos::millis(1));
+        evidence.devices[..2].iter_mut().for_each(|device| device.sync0_cycle = None);
+    };
+    assert!(breaches(without).iter().all(|one| !matches!(one.breach, Breach::ClockSet { .. })));
+}
+
+#[test]
+fn a_watchdog_has_the_time_that_was_asked_for() {
+    let wanted = Nanos::millis(100);
+    let has = |found: Nanos| breaches(|evidence| evidence.devices[0].watchdog = Some(found));
+    for found in [Nanos::millis(90), Nanos::millis(110)] {
+        assert_eq!(has(found), []);
+    }
+    for found in [Nanos(89_999_999), Nanos(110_000_001)] {
+        assert_eq!(has(found), of(0, Breach::OtherWatchdog { wanted, found }));
+    }
+    // Where it is off, that is said alone.
+    let off = breaches(|evidence| {
+        let device = &mut evidence.devices[0];
+        (device.watchdog, device.guarded) = (Some(Nanos::ZERO), Some(false));
+    });
+    assert_eq!(off, of(0, Breach::WatchdogOff));
+}
+
+#[test]
+fn frames_that_slide_have_no_distance_to_sync0() {
+    let ruling = with(|evidence| {
+        evidence.slide = Some(Slide { per_second: Nanos(27_000), uncertainty: Nanos(100) });
+        evidence.devices[0].frame_to_sync0 = Some(Picos::ZERO);
+    });
+    let kinds: Vec<_> = ruling.breached.iter().map(|one| one.breach.name()).collect();
+    assert_eq!(kinds, ["frames-slide"]);
+    assert!(ruling.unchecked.iter().all(|one| one.rule == "shift") && ruling.unchecked.len() == 2);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use isocat_descriptions::eni::Eni;
 use isocat_descriptions::esi::{EsiFile, ModuleAt};
 use isocat_descriptions::limits;
 use isocat_descriptions::sii::SiiFile;
-use isocat_diagnose::{Around, DiagnoseReport, Diagnosis, Given};
+use isocat_diagnose::{Around, DiagnoseReport, Diagnosis, Names};
 use isocat_segment::SegmentFile;
 use isocat_segment::profile::Profile;
 use isocat_serve::Order;
@@ -91,7 +91,7 @@ pub fn capture(bytes: &[u8]) {
         assert!(reading.frames.len() <= reading.tally.packets);
         let mut diagnosis = Diagnosis::new();
         diagnosis.read("x.pcapng", bytes).expect("what was read once is read again");
-        if let Ok(mut report) = diagnosis.report(&Given::default()) {
+        if let Ok(mut report) = diagnosis.report(&Names::default()) {
             if let Some(mut around) = Around::new(&report) {
                 around.read("x.pcapng", bytes).expect("what was read once is read again");
                 around.end(&mut report);

@@ -125,8 +125,7 @@ enum Wrong {
 /// *captures : str or os.PathLike
 ///     pcapng or pcap; several captures are read as one, in their order.
 /// segment : Segment or str or os.PathLike, optional
-///     The devices, by position: their names, and what they are meant to do (with ``as_is = true``
-///     in the file their names alone).
+///     Source of the devices' names and of what they are meant to do, by position.
 /// esi : list of str or os.PathLike
 ///     Makers' descriptions, as source of the names of types.
 ///

@@ -41,7 +41,7 @@ pub(super) fn subdevice(
     let (shift, input_shift) = shifts(keys, &profile)?;
     let pulses = pulses(keys, mode, bus)?;
     let (cable, cable_delay) = (keys.get("cable")?, keys.get("cable_delay")?);
-    let fibre: bool = keys.get("fibre")?;
+    let fibre = keys.find("fibre")?.unwrap_or(false);
     if cable > COPPER && !fibre {
         return Err(keys.error_at("cable", format!(
             "cable = {cable}, and copper reaches {COPPER}; expected {COPPER} at most, or fibre = true beside it"

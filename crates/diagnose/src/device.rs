@@ -73,8 +73,8 @@ impl Device {
         self.states.forget(at);
         self.errors.forget();
         self.differences.worst = None;
-        self.clock_set = Log::new(MOST_SILENCES);
-        self.silences = Log::new(MOST_SILENCES);
+        self.clock_set = Log::new(MOST_EVENTS);
+        self.silences = Log::new(MOST_EVENTS);
     }
 
     /// The offset and the delay of its clock, as far as they are known.
@@ -256,9 +256,9 @@ impl Devices {
             errors: Errors::new(),
             differences: Differences::default(),
             last: frame,
-            clock_set: Log::new(MOST_SILENCES),
+            clock_set: Log::new(MOST_EVENTS),
             by_address: false,
-            silences: Log::new(MOST_SILENCES),
+            silences: Log::new(MOST_EVENTS),
             silent: false,
             answered: None,
         };
@@ -306,8 +306,8 @@ impl Devices {
     }
 }
 
-/// Silences of one device that are kept.
-const MOST_SILENCES: usize = 64;
+/// Silences, and changes of the clock, of one device that are kept.
+const MOST_EVENTS: usize = 64;
 /// Devices that are kept apart. A segment has at most 65 535; one device takes some kilobytes.
 const MOST_DEVICES: usize = 4096;
 

@@ -409,11 +409,11 @@ fn clock_set(device: &Device) -> Nanos {
 const DIVIDER: u16 = 2498;
 const STEPS: u16 = 1_000;
 
-/// Drift frames before operation after which clocks are together: the usual ten to fifteen thousand
-/// and what a quick MainDevice sends.
+/// Drift frames before operation after which clocks count as together. MainDevices usually send ten
+/// to fifteen thousand, quick ones some thousand.
 const SETTLED: u64 = 1_000;
 
-/// The first frame that shows what is otherwise than meant, when it was, and further ones.
+/// The first frame that shows what is otherwise than meant, and when it was.
 pub(crate) fn shown(
     observer: &Observer,
     device: Option<usize>,

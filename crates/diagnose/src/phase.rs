@@ -251,8 +251,8 @@ impl Phases {
         }
     }
 
-    /// How frames move against the reference clock. `None`: not known, or they come several times
-    /// in a cycle of each SYNC0.
+    /// How frames, which come each `cycle` ns, move against the reference clock. `None`: not known,
+    /// or they come several times in a cycle of each SYNC0.
     pub fn slide(&self, cycle: u64) -> Option<Slide> {
         let trailed = self.trailed.filter(|grid| grid.cycle <= cycle + cycle / 2)?;
         self.of(trailed)?;

@@ -71,8 +71,8 @@ pub(crate) fn report(
     report
 }
 
-/// The first claim without which nobody knows whether the segment is in sync as it was meant: that
-/// a SubDevice operates, has its mode, has SYNC0 with the others.
+/// What is missing to say that the segment is in sync as it was meant: the evidence for the first
+/// unchecked claim about the state, the mode or the SYNC0 of a SubDevice.
 fn lacking(rulings: &[Held], names: &Names) -> Option<String> {
     let decides = ["operates", "mode", "sync0-cycle", "in-phase"];
     let mut unchecked = rulings.iter().flat_map(|held| &held.ruling.unchecked);
@@ -130,8 +130,8 @@ impl DiagnoseReport {
     }
 
     /// The verdict. `unseen`: by device, whether it was never read in OP. `lacking`: what is not
-    /// known though it was claimed. `is_open`: without requests nobody knows whether the last
-    /// answers are those before the end of the capture, or before a silence.
+    /// known though it was claimed. `is_open`: the capture has answers alone and ends in operation,
+    /// so it is not known what came behind the last answer.
     fn judge(&self, unseen: &[bool], lacking: Option<String>, is_open: bool) -> Verdict {
         let faults: Vec<&FindingReport> =
             self.findings.iter().filter(|one| one.weight == WeightKind::Fault).collect();

@@ -13,9 +13,8 @@ use std::time::Duration;
 
 use isocat_captures::pairing::Seen;
 use isocat_captures::reading::Frame;
-use isocat_diagnose::{Claims, Names};
-
 use isocat_diagnose::live::{Live, Symptom};
+use isocat_diagnose::{Claims, Names};
 use isocat_recorders::flight::{FlightRecorder, Limits, Reason, Told};
 use serde_json::{Value, json};
 

@@ -9,7 +9,7 @@ use crate::draw::Drawn;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Fate {
     OnTime,
-    /// It leaves late, by so many eighths of the cycle.
+    /// It leaves late, by this number of eighths of the cycle.
     Late(u64),
     /// It is lost on its way out, or back.
     LostOut,
@@ -48,8 +48,8 @@ impl Fate {
     }
 }
 
-/// A segment of so many SubDevices in which the frames of `fates` meet them, one cycle after
-/// another. `reads`: the counters of SubDevices are read before and behind that.
+/// A segment with this number of SubDevices. `fates` happen to the frames of successive cycles.
+/// `reads`: the counters of SubDevices are read before that and behind it.
 pub fn segment(devices: usize, reads: bool, fates: &[Fate]) -> Drawn {
     let mut text = format!("cycle = \"{CYCLE}ns\"\nfor = \"{}ns\"\n", CYCLE * LENGTH);
     for mode in &MODES[..devices] {

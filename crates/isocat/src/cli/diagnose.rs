@@ -13,7 +13,6 @@ use isocat_captures::reading::NoCapture;
 use isocat_descriptions::esi::EsiFile;
 use isocat_diagnose::report::VerdictKind;
 use isocat_diagnose::{Around, Claims, DiagnoseReport, Diagnosis, Names};
-
 use isocat_segment::{Scenario, SegmentFile};
 
 use super::run::{command, is_page, json, write_report};

@@ -10,7 +10,6 @@ use clap::Args;
 use isocat_captures::pairing::Seen;
 use isocat_descriptions::quantity;
 use isocat_diagnose::{Claims, Names};
-
 use isocat_host::Listener;
 use isocat_recorders::flight::{Limits, Told};
 use isocat_wire::Nanos;

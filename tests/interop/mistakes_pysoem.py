@@ -1,9 +1,9 @@
 """A plain pysoem program over a segment of drives and an I/O, with one mistake by name, or none.
 
-    isocat virtual SEGMENT -- python3 tests/interop/mistakes_pysoem.py MISTAKE [INTERFACE]
+    isocat virtual SEGMENT -- python3 tests/interop/mistakes_pysoem.py MISTAKE [INTERFACE [CYCLES [CONVERGENCE]]]
 
 The segment's file asks for a cycle of 4 ms and a shift of 2 ms, with SYNC0 at each drive. The program ends with 0 whatever
-came of it: the verdict is isocat's.
+came of it: the verdict is isocat's. CYCLES are those in operation, and CONVERGENCE the frames before SYNC0, 100 us apart.
 """
 import socket
 import struct
@@ -12,10 +12,10 @@ import time
 
 import pysoem
 
-MISTAKE, INTERFACE = sys.argv[1], (sys.argv[2:] or ["vt0"])[0]
+MISTAKE, INTERFACE, *NUMBERS = [*sys.argv[1:], "vt0"][:2] + sys.argv[3:]
 NAME, _, AT = MISTAKE.partition("@")
 CYCLE, SHIFT = 4_000_000, 2_000_000
-CYCLES = 1_000
+CYCLES, CONVERGENCE = [int(number) for number in NUMBERS] + [1_000, 15_000][len(NUMBERS):]
 # Makers of the I/O in these segments.
 NO_DRIVES = (0x02, 0x69736F63)
 
@@ -54,7 +54,7 @@ class Program:
         self.change_clocks()
         self.set_filters()
         if not has("no-converge"):
-            for _ in range(200 if has("converge-200") else 15_000):
+            for _ in range(200 if has("converge-200") else CONVERGENCE):
                 self.exchange()
                 time.sleep(0.0001)
         if not has("sync0-never", "sync-after-safeop", "sync-after-op", "sync-before-dc"):

@@ -237,7 +237,11 @@ impl Pairing {
     fn comes_back(&self, tap: Tap, frame: &Frame, at: u64, found: usize) -> bool {
         let Some(request) = self.request_of(found) else { return false };
         match tap.marked {
-            true => tap.is_answer(frame),
+            // A first SubDevice that was told not to mark frames (0x0100) counts all the same.
+            true => {
+                let counts = || !tap::counts(frame).eq(tap::counts(request));
+                tap.is_answer(frame) || counted(&frame.bytes) && counts()
+            }
             false if frame.sent == Some(true) && tap.behind == 0 => false,
             false if tap.directed && frame.sent == request.sent => false,
             // The file states the direction: an answer that no SubDevice counted in looks like its

@@ -1,16 +1,17 @@
 //! What a capture shows of a segment in operation, for the rulebook: as registers were written and
 //! read, and as frames came.
 
-use std::ops::Range;
+mod data;
+mod ways;
+
 use std::time::Duration;
 
 use isocat_rules::{Claims, DeviceClaims, DeviceEvidence, Evidence};
 use isocat_sync::SyncMode;
 use isocat_sync::object::SyncType;
-use isocat_wire::fmmu::Fmmu;
-use isocat_wire::sync_manager::SyncManager;
+use isocat_wire::register::{self, Register, Value};
 use isocat_wire::time::{Nanos, Picos};
-use isocat_wire::{AlState, AlStatusCode, Command, PortNumber, register};
+use isocat_wire::{AlState, AlStatusCode};
 
 use crate::device::Device;
 use crate::judge::sync::{self, LEAST_CYCLES};
@@ -18,6 +19,9 @@ use crate::judge::{self, PATIENCE, turns};
 use crate::mailbox::Way;
 use crate::observer::Observer;
 use crate::sync_unit::Switched;
+
+pub(crate) use data::is_process_data;
+use ways::ways;
 
 /// The evidence about the SubDevices that the claims are about, by position.
 pub(crate) fn of(observer: &Observer, claims: &Claims) -> Evidence {
@@ -52,7 +56,7 @@ fn device(
     let operated = is_operated && (was_in_op(observer, device) || device.states.now().is_none());
     let last = device.sync.last.filter(Switched::makes_sync0);
     let set_up = is_set_up(device);
-    let lengths = lengths(device).or_else(|| set_up.then_some([0, 0]));
+    let lengths = data::lengths(device).or_else(|| set_up.then_some([0, 0]));
     DeviceEvidence {
         state: state(observer, device, is_operated),
         operated,
@@ -68,11 +72,10 @@ fn device(
         sync0_overdue: last.and_then(overdue),
         frame_to_sync0: frame_to_sync0(observer, device),
         lengths,
-        exchanged: [Fmmu::WRITE, Fmmu::READ].map(|kind| exchanged(observer, device, kind)),
-        logical: set_up
-            .then(|| [Fmmu::WRITE, Fmmu::READ].map(|kind| mapped(device, kind).collect())),
-        guarded: guarded(device, set_up),
-        watchdog: watchdog(device, set_up),
+        exchanged: [0, 1].map(|towards| data::exchanged(observer, device, towards)),
+        logical: set_up.then(|| data::mapped(device)),
+        guarded: data::guarded(device, set_up),
+        watchdog: data::watchdog(device, set_up),
         clock_set: set_up.then(|| clock_set(device)),
     }
 }
@@ -173,15 +176,7 @@ fn mode(device: &Device, wanted: Option<SyncMode>) -> Option<SyncMode> {
 fn sync0_phase(observer: &Observer, place: usize) -> Option<Nanos> {
     let device = &observer.devices.list[place];
     let grid = device.sync.grid()?;
-    let leads = judge::reference(observer) == Some(place);
-    let differences = &device.differences;
-    let read = [differences.before_sync, differences.worst].into_iter().flatten();
-    let mut read = read.map(|known| known.value.magnitude() <= sync::APART_NS).peekable();
-    let follows = match read.peek() {
-        Some(_) => read.all(|near| near),
-        None => observer.drift.count - observer.drift.recent >= SETTLED,
-    };
-    if !leads && !follows {
+    if judge::reference(observer) != Some(place) && !follows(observer, device) {
         return None;
     }
     // A clock that is ahead by a wrong delay lets its pulses come too early.
@@ -190,98 +185,65 @@ fn sync0_phase(observer: &Observer, place: usize) -> Option<Nanos> {
     Some(Nanos((grid.phase as i64 - ahead).rem_euclid(cycle)))
 }
 
+/// Whether the clock of a device followed the reference clock when operation began: its difference
+/// was read, or it was set to less than that and had drift frames enough.
+fn follows(observer: &Observer, device: &Device) -> bool {
+    let differences = &device.differences;
+    let read = [differences.before_sync, differences.worst].into_iter().flatten();
+    let mut read = read.map(|known| known.value.magnitude() <= sync::APART_NS).peekable();
+    if read.peek().is_some() {
+        return read.all(|near| near);
+    }
+    let latch = register::RECEIVE_TIME_0.address;
+    if is_set_up(device) && device.image.written_bytes::<1>(latch).is_none() {
+        // Times that nothing latched set no clock.
+        return false;
+    }
+    let set = ahead_when_set(observer, device);
+    set.is_none_or(|ahead| ahead.unsigned_abs() <= sync::APART_NS.into())
+        && observer.drift.count - observer.drift.recent >= SETTLED
+}
+
+/// By how much offset and delay set the clock of a device ahead of the reference, ns, by the time
+/// at which both had the frame that latched it (0x0918).
+fn ahead_when_set(observer: &Observer, device: &Device) -> Option<i64> {
+    let reference = &observer.devices.list[judge::reference(observer)?];
+    let of = |device: &Device| {
+        let latched = device.image.read(register::RECEIVE_TIME_EPU)?.value;
+        Some(latched.wrapping_add(kept(device, register::SYSTEM_TIME_OFFSET)?))
+    };
+    let ahead = of(device)?.wrapping_sub(of(reference)?);
+    // A clock of 32 bits has the lower half alone.
+    let ahead = match is_wide(device) && is_wide(reference) {
+        true => ahead.cast_signed(),
+        false => i64::from((ahead as u32).cast_signed()),
+    };
+    Some(ahead.saturating_sub(way(observer, device)? - way(observer, reference)?))
+}
+
+fn is_wide(device: &Device) -> bool {
+    let features = device.image.read(register::FEATURES);
+    features.is_some_and(|known| known.value & register::features::DC_64_BIT != 0)
+}
+
 /// By how much the delay that was written to a device is longer than what the receive times say,
 /// ns, both against the reference.
 fn delay_error(observer: &Observer, device: &Device) -> Option<i64> {
     let reference = &observer.devices.list[judge::reference(observer)?];
-    let ways = ways(observer);
-    let way = |device: &Device| ways.get(usize::from(device.position?)).copied().flatten();
-    let measured = way(device)? - way(reference)?;
-    Some(judge::delay(observer, device)? - measured)
+    let measured = way(observer, device)? - way(observer, reference)?;
+    let of = |device: &Device| kept(device, register::SYSTEM_TIME_DELAY).map(i64::from);
+    Some(of(device)? - of(reference).unwrap_or(0) - measured)
 }
 
-/// How long frames take from the first device to each other one, ns, by position, by the times at
-/// which their first bit came in at each port (0x0900).
-///
-/// A frame goes through the ports in the order 0, 3, 1, 2, and comes back at each before it leaves
-/// by the next. What passes between two of them is the way to the device behind the second one and
-/// back, and what that device and all behind it take.
-fn ways(observer: &Observer) -> Vec<Option<i64>> {
-    let count = u16::try_from(observer.devices.list.len()).unwrap_or(u16::MAX);
-    let mut ways: Vec<Option<i64>> = Vec::new();
-    // Devices on the path to the present one, with the ports behind which devices are to come.
-    let mut path: Vec<Ports<'_>> = Vec::new();
-    for position in 0..count {
-        let Some(device) = observer.devices.at(position).map(|at| &observer.devices.list[at])
-        else {
-            break;
-        };
-        let Some(ports) = Ports::of(device, usize::from(position)) else { break };
-        while path.pop_if(|last| last.open.len() == 1).is_some() {}
-        let way = match path.last_mut() {
-            None if position == 0 => Some(0),
-            None => break,
-            Some(parent) => {
-                let behind = parent.next();
-                let before = ways[parent.position];
-                before
-                    .zip(behind)
-                    .zip(ports.takes())
-                    .map(|((before, (to, spent)), own)| before + spent + (to - own) / 2)
-            }
-        };
-        ways.push(way);
-        path.push(ports);
-    }
-    ways
+/// What a register that keeps its value has; what the way up did not write is 0 since power-on.
+fn kept<T: Value + Default>(device: &Device, register: Register<T>) -> Option<T> {
+    let known = device.image.latest_or_zero(register).map(|known| known.value);
+    known.or_else(|| is_set_up(device).then(T::default))
 }
 
-/// The open ports of a device, in the order in which frames pass them.
-struct Ports<'a> {
-    device: &'a Device,
-    position: usize,
-    /// The port at which the frame came back last, and those that follow.
-    open: Vec<PortNumber>,
-}
-
-impl<'a> Ports<'a> {
-    fn of(device: &'a Device, position: usize) -> Option<Self> {
-        let status = device.image.read(register::DL_STATUS)?.value;
-        let order = PortNumber::PROCESSING_ORDER.into_iter();
-        let open = order.filter(|port| *port == PortNumber::P0 || status.communication(*port));
-        Some(Self { device, position, open: open.collect() })
-    }
-
-    fn time(&self, port: PortNumber) -> Option<u32> {
-        let of_port = [
-            register::RECEIVE_TIME_0,
-            register::RECEIVE_TIME_1,
-            register::RECEIVE_TIME_2,
-            register::RECEIVE_TIME_3,
-        ];
-        self.device.image.read(of_port[port as usize]).map(|known| known.value)
-    }
-
-    /// From the first port to a later one, ns.
-    fn until(&self, port: PortNumber) -> Option<i64> {
-        Some(self.time(port)?.wrapping_sub(self.time(PortNumber::P0)?).into())
-    }
-
-    /// What the device and all behind it take.
-    fn takes(&self) -> Option<i64> {
-        match self.open[..] {
-            [] | [_] => Some(0),
-            [.., last] => self.until(last),
-        }
-    }
-
-    /// The time that passes behind the next port, and what passed before it.
-    fn next(&mut self) -> Option<(i64, i64)> {
-        let before = self.open.remove(0);
-        let spent = if before == PortNumber::P0 { Some(0) } else { self.until(before) };
-        let spent = spent?;
-        Some((self.until(*self.open.first()?)? - spent, spent))
-    }
+/// How long frames take to a device.
+fn way(observer: &Observer, device: &Device) -> Option<i64> {
+    ways(observer).get(usize::from(device.position?)).copied().flatten()
 }
 
 /// By how much the start time had passed when SYNC0 was switched on last.
@@ -302,112 +264,11 @@ fn frame_to_sync0(observer: &Observer, device: &Device) -> Option<Picos> {
     Some(Picos::from(Nanos(if after > cycle / 4 * 3 { after - cycle } else { after })))
 }
 
-/// Bytes of outputs and inputs by the SyncManagers; `None` if the capture shows none.
-fn lengths(device: &Device) -> Option<[u32; 2]> {
-    let mut known = false;
-    let mut lengths = [0; 2];
-    for manager in managers(device) {
-        known = true;
-        if let Some(direction) = direction(manager) {
-            lengths[direction] += u32::from(manager.length);
-        }
-    }
-    known.then_some(lengths)
-}
-
-/// The SyncManagers that the capture shows.
-fn managers(device: &Device) -> impl Iterator<Item = SyncManager> {
-    let known = (0..8).filter_map(|number| device.image.latest(register::sync_manager(number)));
-    known.map(|known| known.value)
-}
-
-/// Whether a SyncManager of process data has a byte at this address.
-pub(crate) fn is_process_data(device: &Device, address: u16) -> bool {
-    let mut of_process_data = managers(device).filter(|manager| direction(*manager).is_some());
-    of_process_data
-        .any(|manager| (u32::from(manager.start)..manager.end()).contains(&address.into()))
-}
-
-/// 0: the SyncManager takes outputs; 1: it gives inputs; `None`: it has no process data.
-fn direction(manager: SyncManager) -> Option<usize> {
-    let of_process_data = manager.is_enabled() && manager.length > 0 && !manager.is_mailbox();
-    of_process_data.then_some(usize::from(!manager.is_ecat_write()))
-}
-
-/// The logical bits that FMMUs of this kind map to or from SyncManagers of process data.
-fn mapped(device: &Device, kind: u8) -> impl Iterator<Item = Range<u64>> {
-    let fmmus = (0..16).filter_map(|number| device.image.latest(register::fmmu(number)));
-    let fmmus = fmmus.map(|known| known.value);
-    let of_process_data = fmmus.filter(move |fmmu: &Fmmu| {
-        let start = u32::from(fmmu.physical_start);
-        let end = start + u32::from(fmmu.length);
-        let meets = |sm: SyncManager| {
-            direction(sm).is_some() && start < sm.end() && u32::from(sm.start) < end
-        };
-        fmmu.is_active() && fmmu.kind & kind != 0 && managers(device).any(meets)
-    });
-    of_process_data.map(|fmmu| {
-        let first = u64::from(fmmu.logical_start) * 8 + u64::from(fmmu.logical_start_bit);
-        first..first + u64::from(fmmu.bits())
-    })
-}
-
-/// Whether frames in operation carry what the FMMUs of this kind map; `None`: the capture does not
-/// show the way up, or the device's memory is addressed without FMMUs.
-fn exchanged(observer: &Observer, device: &Device, kind: u8) -> Option<bool> {
-    if !is_set_up(device) || device.by_address {
-        return None;
-    }
-    let commands = match kind {
-        Fmmu::WRITE => [Command::Lrw, Command::Lwr],
-        _ => [Command::Lrw, Command::Lrd],
-    };
-    let carried = |bits: Range<u64>| {
-        observer.cycle.logical.iter().any(|logical| {
-            let first = u64::from(logical.address) * 8;
-            let end = first + u64::from(logical.len) * 8;
-            let came_back = logical.counts.iter().any(|(count, _)| *count > 0);
-            came_back
-                && commands.contains(&logical.command)
-                && first <= bits.start
-                && bits.end <= end
-        })
-    };
-    Some(mapped(device, kind).any(carried))
-}
-
-/// Whether the process data watchdog guards the outputs; it does so after power-on.
-fn guarded(device: &Device, set_up: bool) -> Option<bool> {
-    let outputs = managers(device).filter(|manager| direction(*manager) == Some(0));
-    let control = SyncManager::CONTROL_WATCHDOG;
-    let watched =
-        outputs.map(|manager| manager.control & control != 0).reduce(|all, one| all && one)?;
-    let time = device.image.latest(register::WATCHDOG_TIME_PROCESS_DATA).map(|known| known.value);
-    match time {
-        Some(time) => Some(watched && time > 0),
-        None => (set_up || !watched).then_some(watched),
-    }
-}
-
-/// The time of the process data watchdog; registers that were not written are as after power-on.
-fn watchdog(device: &Device, set_up: bool) -> Option<Nanos> {
-    let or = |known: Option<u16>, power_on| known.or(set_up.then_some(power_on));
-    let image = &device.image;
-    let divider = image.latest(register::WATCHDOG_DIVIDER).map(|known| known.value);
-    let time = image.latest(register::WATCHDOG_TIME_PROCESS_DATA).map(|known| known.value);
-    let step = (i64::from(or(divider, DIVIDER)?) + 2) * 40;
-    Some(Nanos(step * i64::from(or(time, STEPS)?)))
-}
-
 /// The largest change of the device's clock in operation.
 fn clock_set(device: &Device) -> Nanos {
     let by = device.clock_set.kept.iter().map(|set| set.by_ns.unwrap_or(i64::MAX));
     Nanos(by.map(i64::saturating_abs).max().unwrap_or(0))
 }
-
-/// 0x0400 and 0x0420 after power-on: 1 000 steps of 100 us.
-const DIVIDER: u16 = 2498;
-const STEPS: u16 = 1_000;
 
 /// Drift frames before operation after which clocks count as together. MainDevices usually send ten
 /// to fifteen thousand, quick ones some thousand.
@@ -443,4 +304,86 @@ pub(crate) fn shown(
         _ => None,
     };
     place.unwrap_or(operation)
+}
+
+#[cfg(test)]
+mod tests {
+    use isocat_wire::datagram::{Address, Header};
+    use isocat_wire::{AutoIncrementAddress, Command};
+
+    use super::*;
+    use crate::access::Access;
+    use crate::clock::Reference;
+    use crate::known::Known;
+
+    /// Two devices, 1 us apart, whose clocks were latched and set, with drift frames enough.
+    fn observer(features: u16, offset: u64, frames: u64) -> Observer {
+        let mut observer = Observer::new();
+        for (position, latched) in [(0, 5_000_u64), (1, 7_000)] {
+            let address = Address::Position(AutoIncrementAddress::of_position(position), 0);
+            let access = Access {
+                command: Command::Aprd,
+                header: Header::new(Command::Aprd, 0, address, 2),
+                sent: Some(&[0, 0]),
+                answered_before: false,
+                back: Some((&[0, 0], 1)),
+                passed: None,
+                position: Some(position),
+                frame: 1,
+            };
+            observer.devices.whom(&access, true);
+            let place = observer.devices.at(position).expect("it has a position");
+            observer.devices.name(place, 0x1001 + position, 1);
+            let device = &mut observer.devices.list[place];
+            let image = &mut device.image;
+            let [came, back] = [latched as u32, latched as u32 + 2_000 * u32::from(1 - position)];
+            image.write(0x0900, &[0; 4], 2);
+            image.note(0x0900, &came.to_le_bytes(), 3);
+            image.note(0x0904, &back.to_le_bytes(), 3);
+            image.note(0x0918, &latched.to_le_bytes(), 3);
+            image.note(0x0008, &features.to_le_bytes(), 3);
+            // Port 0, and at the first port 1 as well.
+            let status: u16 = if position == 0 { 0x0A30 } else { 0x0210 };
+            image.note(0x0110, &status.to_le_bytes(), 3);
+            let own = if position == 0 { 0_u64 } else { offset };
+            image.write(0x0920, &own.to_le_bytes(), 4);
+            image.write(0x0010, &(0x1001 + position).to_le_bytes(), 1);
+            device.states.op = Some(Known { value: Duration::ZERO, frame: 9 });
+        }
+        observer.drift.reference = Some(Known { value: Reference::Station(0x1001), frame: 5 });
+        observer.drift.count = frames;
+        observer
+    }
+
+    #[test]
+    fn a_clock_that_was_set_apart_is_not_known_to_follow() {
+        let follows = |features, offset: i64, frames| {
+            let observer = observer(features, offset.cast_unsigned(), frames);
+            let place = observer.devices.at(1).expect("it has a position");
+            follows(&observer, &observer.devices.list[place])
+        };
+        let wide = register::features::DC_64_BIT;
+        // Latched 2 us later, of which the way is one.
+        let apart = i64::from(sync::APART_NS);
+        for (ahead, near) in [(0, true), (apart, true), (apart + 1, false), (-apart - 1, false)] {
+            assert_eq!(follows(wide, ahead - 1_000, SETTLED), near, "{ahead}");
+        }
+        assert!(!follows(wide, -1_000, SETTLED - 1));
+        // The upper half counts where there is one.
+        let far = (1 << 40) - 1_000;
+        assert_eq!((follows(wide, far, SETTLED), follows(0, far, SETTLED)), (false, true));
+    }
+
+    #[test]
+    fn what_was_not_written_is_zero() {
+        let mut observer = observer(0, 0, SETTLED);
+        let [first, second] = [0, 1].map(|position| observer.devices.at(position).expect("there"));
+        let error = |observer: &Observer| delay_error(observer, &observer.devices.list[second]);
+        assert_eq!(error(&observer), Some(-1_000));
+        observer.devices.list[first].image.write(0x0928, &1_000_u32.to_le_bytes(), 6);
+        assert_eq!(error(&observer), Some(-2_000));
+        // One byte of four.
+        observer.devices.list[second].image.write(0x0929, &[8], 7);
+        assert_eq!(error(&observer), Some(8 * 256 - 2_000));
+    }
 }

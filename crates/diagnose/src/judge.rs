@@ -251,8 +251,8 @@ pub(crate) fn delay(observer: &Observer, device: &Device) -> Option<i64> {
     if std::ptr::eq(reference, device) {
         return Some(0);
     }
-    let of = |device: &Device| device.image.latest(register::SYSTEM_TIME_DELAY);
-    // A delay that was not written is 0 since power-on.
+    // What was not written of a delay is 0 since power-on.
+    let of = |device: &Device| device.image.latest_or_zero(register::SYSTEM_TIME_DELAY);
     let first = of(reference).map_or(0, |known| known.value);
     Some(i64::from(of(device)?.value) - i64::from(first))
 }

@@ -48,10 +48,19 @@ impl Image {
 
     /// What was last seen of a register that keeps what is written to it.
     pub fn latest<T: Value>(&self, register: Register<T>) -> Option<Known<T>> {
-        gather(register, |address| {
-            let both = [self.written.get(&address), self.read.get(&address)];
-            both.into_iter().flatten().max_by_key(|known| known.frame).copied()
-        })
+        gather(register, |address| self.newest(address))
+    }
+
+    /// The same, with 0 for bytes that were not seen. `None`: none was.
+    pub fn latest_or_zero<T: Value>(&self, register: Register<T>) -> Option<Known<T>> {
+        let unseen = Known { value: 0, frame: 0 };
+        let known = gather(register, |address| self.newest(address).or(Some(unseen)));
+        known.filter(|known| known.frame > 0)
+    }
+
+    fn newest(&self, address: u16) -> Option<Known<u8>> {
+        let both = [self.written.get(&address), self.read.get(&address)];
+        both.into_iter().flatten().max_by_key(|known| known.frame).copied()
     }
 
     /// Bytes from `address` on as they were last written.
@@ -125,6 +134,9 @@ mod tests {
         let mut image = Image::default();
         image.write(0x09A0, &[1, 2], 3);
         assert_eq!(image.written(register::SYNC0_CYCLE), None);
+        let half = Some(Known { value: 0x0201, frame: 3 });
+        assert_eq!(image.latest_or_zero(register::SYNC0_CYCLE), half);
+        assert_eq!(image.latest_or_zero(register::SYNC1_CYCLE), None);
         image.note(0x09A2, &[3, 4], 7);
         assert_eq!(image.written(register::SYNC0_CYCLE), None);
         let all = Known { value: 0x0403_0201, frame: 7 };

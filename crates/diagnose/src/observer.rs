@@ -352,7 +352,6 @@ impl Observer {
         let Some(bytes) = part::<2>(access.ado(), data, address) else { return };
         match (access.command, u16::from_le_bytes(bytes)) {
             (Command::Bwr | Command::Brw, _) => self.devices.forget_names(),
-            (_, 0) => {}
             (_, station) => self.devices.name(place, station, access.frame),
         }
     }
@@ -451,6 +450,7 @@ impl Observer {
         }
         if !self.operating && operates {
             self.stretch = Some(Known { value: at, frame });
+            self.devices.list.iter_mut().for_each(|device| device.sync.entered_operation());
         }
         if self.operating && !operates {
             // As things are before the way down changes them.
@@ -458,6 +458,7 @@ impl Observer {
                 self.held.extend(claims::hold(self));
             }
             self.left = Some(Known { value: at, frame });
+            self.devices.list.iter_mut().for_each(|device| device.sync.left_operation());
             self.cycle.rhythm.pause();
             self.cycle.by_clock.pause();
         }

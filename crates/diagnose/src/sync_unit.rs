@@ -60,6 +60,8 @@ pub(crate) struct SyncUnit {
     pub switched: Log<Switched>,
     /// The last entry, even if the log is full.
     pub last: Option<Switched>,
+    /// The last entry at the end of the last stretch of operation, until the next one begins.
+    operated: Option<Switched>,
     /// How often 0x0984 or 0x0990 was read after SYNC had been switched on, and the first of these
     /// frames.
     pub looked: Option<Known<u64>>,
@@ -75,6 +77,7 @@ impl SyncUnit {
         Self {
             switched: Log::new(64),
             last: None,
+            operated: None,
             looked: None,
             next_pulse: None,
             start_bytes: 0,
@@ -156,11 +159,23 @@ impl SyncUnit {
         }
     }
 
-    /// The instants of its SYNC0 pulses, if SYNC0 is on and start and cycle are known. A start time
-    /// of 32 bits is the one nearest to the time at which it was written.
+    /// The instants of its SYNC0 pulses, if SYNC0 is on, or was at the end of operation, and start
+    /// and cycle are known. A start time of 32 bits is the one nearest to the time at which it was
+    /// written.
     pub fn grid(&self) -> Option<Grid> {
-        let last = self.last.filter(Switched::makes_sync0)?;
-        Grid::new(last.sync0_cycle?.value, last.full_start()?)
+        let mut switched = [self.last, self.operated].into_iter().flatten();
+        let on = switched.find(Switched::makes_sync0)?;
+        Grid::new(on.sync0_cycle?.value, on.full_start()?)
+    }
+
+    /// Notes that operation ended: the way down may switch SYNC off.
+    pub fn left_operation(&mut self) {
+        self.operated = self.last;
+    }
+
+    /// Notes that operation began.
+    pub fn entered_operation(&mut self) {
+        self.operated = None;
     }
 
     /// Whether SYNC0 is on by the last switch.

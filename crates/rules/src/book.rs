@@ -15,6 +15,8 @@ pub struct Rule {
     pub claims: &'static str,
     /// The evidence that it needs, in words.
     pub needs: &'static str,
+    /// The kind of what it finds.
+    pub finds: &'static str,
     /// Checks the claims against the evidence.
     check: fn(&Claims, &Evidence, &mut Findings<'_>),
 }
@@ -64,6 +66,7 @@ impl Findings<'_> {
 
     /// The claim is broken.
     pub(crate) fn broken(&mut self, device: Option<usize>, breach: Breach) {
+        debug_assert_eq!(breach.name(), self.rule.finds, "of another rule");
         self.ruling.checked += 1;
         self.ruling.breached.push(Breached { device, breach });
     }
@@ -81,96 +84,112 @@ pub const RULES: &[Rule] = &[
         name: "operates",
         claims: "each SubDevice that is not optional is in OP",
         needs: "its AL status",
+        finds: "not-operated",
         check: rules::state::operates,
     },
     Rule {
         name: "mode",
         claims: "a SubDevice runs in the mode that was asked for",
         needs: "its mode",
+        finds: "other-mode",
         check: rules::sync::mode,
     },
     Rule {
         name: "starts",
         claims: "the next pulse of a SYNC0 that is switched on is to come",
         needs: "0x0990 and the SubDevice's clock",
+        finds: "start-passed",
         check: rules::sync::starts,
     },
     Rule {
         name: "clock-kept",
         claims: "offset and delay of a clock stay as they are while SYNC0 runs",
         needs: "0x0920 and 0x0928 in operation",
+        finds: "clock-set",
         check: rules::sync::clock_kept,
     },
     Rule {
         name: "sync0-cycle",
         claims: "SYNC0 has the cycle that was asked for",
         needs: "0x09A0",
+        finds: "other-sync0-cycle",
         check: rules::sync::sync0_cycle,
     },
     Rule {
         name: "shift",
         claims: "SYNC0 comes at the time after the frame that was asked for",
         needs: "the distance from frames to SYNC0",
+        finds: "other-shift",
         check: rules::sync::shift,
     },
     Rule {
         name: "in-phase",
         claims: "SYNC0 of SubDevices with the same cycle and shift comes at one instant",
         needs: "the phase of SYNC0, by a clock that is known to follow the reference",
+        finds: "sync0-apart",
         check: rules::sync::in_phase,
     },
     Rule {
         name: "cycle",
         claims: "frames follow each other at the bus cycle",
         needs: "the times of frames",
+        finds: "other-cycle",
         check: rules::frames::cycle,
     },
     Rule {
         name: "steady",
         claims: "frames stay where they are in the cycle of the reference clock",
         needs: "the phases of enough frames",
+        finds: "frames-slide",
         check: rules::frames::steady,
     },
     Rule {
         name: "one-talker",
         claims: "one MainDevice sends",
         needs: "the senders of frames",
+        finds: "several-talkers",
         check: rules::frames::one_talker,
     },
     Rule {
         name: "time",
         claims: "the reference time reaches the clocks often enough",
         needs: "the times of drift datagrams",
+        finds: "time-not-distributed",
         check: rules::frames::time,
     },
     Rule {
         name: "process-data",
         claims: "a SubDevice that was described with process data has some",
         needs: "the lengths of its process data",
+        finds: "no-process-data",
         check: rules::data::present,
     },
     Rule {
         name: "carried",
         claims: "outputs come to each SubDevice that has some, and inputs of it are fetched",
         needs: "the frames with its process data",
+        finds: "not-carried",
         check: rules::data::carried,
     },
     Rule {
         name: "own-address",
         claims: "no two SubDevices take the same logical bits",
         needs: "their FMMUs",
+        finds: "shared-address",
         check: rules::data::own_address,
     },
     Rule {
         name: "guarded",
         claims: "outputs are guarded by the process data watchdog",
         needs: "the watchdog's registers",
+        finds: "watchdog-off",
         check: rules::data::guarded,
     },
     Rule {
         name: "watchdog",
         claims: "the process data watchdog has the time that was asked for",
         needs: "the watchdog's registers",
+        finds: "other-watchdog",
         check: rules::data::watchdog,
     },
 ];

@@ -182,7 +182,7 @@ fn mapped(device: &Device, areas: &[SyncManager], kind: u8) -> Vec<Range<u64>> {
         fmmu.is_active() && fmmu.kind & kind != 0 && areas.iter().any(meets)
     });
     let bits = |fmmu: Fmmu| {
-        let first = u64::from(fmmu.logical_start) * 8 + u64::from(fmmu.logical_start_bit);
+        let first = u64::from(fmmu.logical_start) * 8 + u64::from(fmmu.logical_start_bit & 7);
         first..first + u64::from(fmmu.bits())
     };
     of_areas.map(bits).collect()

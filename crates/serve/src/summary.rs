@@ -9,9 +9,11 @@ use isocat_engine::verdict::Answer;
 use isocat_rules::Breach;
 use isocat_sim::expect::{Expectation, Judgement};
 use isocat_sim::{Finding, Kind};
-use isocat_sync::object::OUTPUT_PARAMETER;
-use isocat_wire::AlState;
+
+use isocat_sync::object::{OUTPUT_PARAMETER, sub};
+use isocat_wire::coe::info::Access;
 use isocat_wire::time::{Nanos, Picos, Time, True};
+use isocat_wire::{AlState, ObjectAddress};
 #[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -290,6 +292,15 @@ pub struct DeviceSummary {
     pub shift_time_too_short: u32,
     /// 0x1C32:20.
     pub sync_error: u32,
+    /// 0x09A0, if SYNC0 is switched on; null otherwise.
+    pub sync0_cycle_ns: Option<i64>,
+    /// Whether its outputs, if it has some, are guarded by the process data watchdog; null:
+    /// unknown.
+    pub guarded: Option<bool>,
+    /// The logical bits of its outputs, by its FMMUs: the first one, and the first one behind them.
+    pub output_bits: Vec<[u64; 2]>,
+    /// Those of its inputs.
+    pub input_bits: Vec<[u64; 2]>,
     /// Its findings.
     pub findings: Vec<String>,
     /// Its findings for programs, in the same order.
@@ -489,6 +500,13 @@ fn remarks(server: &Server, session: &Session) -> Vec<String> {
         device.stack.description().object(OUTPUT_PARAMETER).is_some()
     };
     let any_objects = devices.iter().any(has_object);
+    // Who can't be told its mode is not told it.
+    let sync_type = ObjectAddress::new(OUTPUT_PARAMETER, sub::SYNC_TYPE);
+    let takes_type = |device: &isocat_sim::device::Device| {
+        let entry = device.stack.description().entry(sync_type);
+        entry.is_some_and(|entry| entry.access.has_any(Access::WRITE))
+    };
+    let any_type = devices.iter().any(takes_type);
     if did(Deed::SyncActivate) {
         let of_objects = |deed| matches!(deed, Deed::WriteSyncType | Deed::ReadSyncTimes);
         for (deed, what) in [
@@ -509,7 +527,11 @@ fn remarks(server: &Server, session: &Session) -> Vec<String> {
                 "0x092C was not read, so the MainDevice cannot know whether the clocks had converged",
             ),
         ] {
-            if !did(deed) && (any_objects || !of_objects(deed)) {
+            let concerns_one = match deed {
+                Deed::WriteSyncType => any_type,
+                _ => any_objects || !of_objects(deed),
+            };
+            if !did(deed) && concerns_one {
                 say(what.into());
             }
         }
@@ -600,6 +622,12 @@ fn judged_summary(server: &Server, judged: &Judged, session: &Session) -> Judged
             .collect(),
         kinds: judged.all_findings().map(kind).collect(),
     };
+    let evidence = |at: usize| judged.evidence.devices.get(at);
+    let bits = |at: usize, direction: usize| {
+        let logical = evidence(at).and_then(|seen| seen.logical.as_ref());
+        let ranges = logical.into_iter().flat_map(|logical| &logical[direction]);
+        ranges.map(|range| [range.start, range.end]).collect()
+    };
     let device = |(position, device): (usize, &JudgedDevice)| DeviceSummary {
         position,
         name: server.names()[position].clone(),
@@ -614,6 +642,10 @@ fn judged_summary(server: &Server, judged: &Judged, session: &Session) -> Judged
         cycle_time_too_small: device.counters[1],
         shift_time_too_short: device.counters[2],
         sync_error: device.counters[3],
+        sync0_cycle_ns: evidence(position).and_then(|seen| seen.sync0_cycle).map(|cycle| cycle.0),
+        guarded: evidence(position).and_then(|seen| seen.guarded),
+        output_bits: bits(position, 0),
+        input_bits: bits(position, 1),
         findings: device.findings.iter().map(finding).collect(),
         kinds: device.findings.iter().map(kind).collect(),
     };

@@ -1,6 +1,6 @@
 //! The judges' results for an exchange in operation, in the segment's own time.
 
-use isocat_rules::{Breach, Claims, Ruling};
+use isocat_rules::{Breach, Claims, Evidence, Ruling};
 use isocat_sim::bench::DeviceBench;
 use isocat_sim::finding::{self, Finding, Place};
 use isocat_sim::{Served, Statistics};
@@ -38,6 +38,8 @@ pub struct Judged {
     pub findings: Vec<Finding>,
     /// The judgement by the rules, whose breaches are among the findings.
     pub ruling: Ruling,
+    /// What the rules were judged by.
+    pub evidence: Evidence,
 }
 
 /// The results of one SubDevice.
@@ -98,6 +100,7 @@ impl Judged {
     fn hold_against(&mut self, Case { served, conduct, claims }: Case<'_>) {
         let evidence = evidence::of(served, conduct, &self.devices, (self.began, self.ended));
         self.ruling = isocat_rules::judge(claims, &evidence);
+        self.evidence = evidence;
         // A SubDevice that has left OP has a finding of its own, with its time.
         let left = |device: &JudgedDevice| {
             let left = |one: &Finding| {
@@ -131,7 +134,8 @@ impl Judged {
             .collect();
         let devices_in_op = devices.iter().filter(|device| device.took_part).count();
         let (findings, ruling) = (Vec::new(), Ruling::default());
-        Self { began, ended, devices_in_op, devices, findings, ruling }
+        let evidence = Evidence::default();
+        Self { began, ended, devices_in_op, devices, findings, ruling, evidence }
     }
 
     /// All findings: those about the segment, then those of the SubDevices by position.

@@ -10,6 +10,7 @@ use isocat_descriptions::{eni, esi, sii};
 use isocat_maindevice::SegmentChange;
 use isocat_maindevice::kind::Description;
 use isocat_rules::Breach;
+use isocat_rules::book::{RULES, Rule};
 use isocat_segment::profile::{DoubtKind, Obstacle};
 use isocat_sim::Judged;
 use isocat_sync::opmode;
@@ -35,8 +36,13 @@ pub fn all() -> Vec<Meaning> {
     for kind in Judged::DESCRIPTIONS.iter().chain(SegmentChange::DESCRIPTIONS) {
         all.push(described("finding", "of run, serve, watch and virtual", kind, &[OF_A_RUN]));
     }
-    for kind in Breach::DESCRIPTIONS {
-        all.push(described("finding", OF_A_RULE, kind, &[OF_A_CLAIM]));
+    for rule in RULES {
+        let kinds = Breach::DESCRIPTIONS.iter();
+        for kind in kinds.filter(|kind| kind.name == rule.finds) {
+            let mut meaning = described("finding", &of_a_rule(rule), kind, &[OF_A_CLAIM]);
+            meaning.read = std::slice::from_ref(&rule.needs);
+            all.push(meaning);
+        }
     }
     for (name, means) in isocat_diagnose::MEANINGS {
         all.push(meaning("finding", "of diagnose and record", name, means, &[OF_A_CAPTURE]));
@@ -83,9 +89,18 @@ pub fn all() -> Vec<Meaning> {
     all
 }
 
+/// Which rule it is, and the doors at which it can speak: each fills the same evidence.
+fn of_a_rule(rule: &Rule) -> String {
+    format!(
+        "of the rule `{}`: {}. Doors: virtual, serve and the libraries; diagnose and record with --segment, as far \
+         as frames show it",
+        rule.name, rule.claims
+    )
+}
+
 fn described(
     kind: &'static str,
-    name: &'static str,
+    name: &str,
     of: &Description,
     change: &'static [&'static str],
 ) -> Meaning {
@@ -118,8 +133,6 @@ fn meaning(
 const OF_A_DESCRIPTION: &str = "about a description (ESI)";
 const OF_A_RUN: &str =
     "what the report of the run says beside it: cause and remedy (`diagnoses` in --json)";
-const OF_A_RULE: &str =
-    "of a rule: virtual, serve and the libraries hold the segment file against what runs";
 const OF_A_CLAIM: &str = "the MainDevice, if the file says what was meant; else the file. What is meant to differ: \
      `--as-is`, or leave the key out. docs/rules.md has the rules and the keys that are claims";
 const OF_A_CAPTURE: &str = "what the diagnosis says below it, with the figures of this capture";

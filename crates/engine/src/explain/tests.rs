@@ -26,6 +26,14 @@ fn numbers_that_are_several_things() {
 }
 
 #[test]
+fn a_kind_of_a_rule_names_the_rule_its_doors_and_its_evidence() {
+    let found = explain("sync0-apart").unwrap();
+    assert!(found[0].name.starts_with("of the rule `in-phase`: SYNC0 of SubDevices"), "{found:?}");
+    assert!(found[0].name.contains("diagnose and record with --segment"), "{found:?}");
+    assert!(found[0].read[0].starts_with("the phase of SYNC0"), "{found:?}");
+}
+
+#[test]
 fn a_kind_says_which_one_is_meant() {
     for (what, kind, found) in [
         ("AL 0x0030", "AL status code", "0x0030"),

@@ -2,6 +2,7 @@
 
 mod files;
 mod luck;
+mod mutate;
 mod outcome;
 mod seeds;
 mod segment;
@@ -23,6 +24,7 @@ use super::files::{Files, Wanted};
 use super::run::{duration, unwritable};
 use super::{BAD_INPUT, IN_SYNC, fail, output, print};
 use files::SharedFiles;
+use mutate::class::Classes;
 use segment::Segment;
 
 /// Shown below the help of `virtual`.
@@ -32,6 +34,7 @@ Examples:
   isocat virtual my.toml --for 60s -- ./my_master vt0
   isocat virtual my.toml --seed 7 --lateness 200us --report run.html -- ./my_master vt0
   isocat virtual my.toml --seeds 100 --faults swarm --failed failed -- ./my_master vt0
+  isocat virtual my.toml --mutate 200 -- ./my_master vt0      with one mistake at a time in its frames: which are noticed
 
 Exit code: 0 in sync, and the program ended with 0; 1 not in sync or not as expected; 2 bad input, or programs can't be
 supervised here; 3 not known, as what was asked for OP did not come there; 4 the program failed, and nothing speaks
@@ -98,6 +101,8 @@ pub struct Arguments {
     text: Option<String>,
     #[command(flatten)]
     many: seeds::Options,
+    #[command(flatten)]
+    mistakes: mutate::Options,
     /// The program and its arguments
     #[arg(last = true, required = true, value_name = "PROGRAM")]
     program: Vec<OsString>,
@@ -105,9 +110,10 @@ pub struct Arguments {
 
 /// Runs the verb; returns the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
-    let result = match arguments.many.seeds {
-        Some(seeds) => seeds::run(arguments, seeds),
-        None => once(arguments),
+    let result = match (arguments.many.seeds, arguments.mistakes.mutate) {
+        (Some(seeds), _) => seeds::run(arguments, seeds),
+        (None, Some(count)) => mutate::run(arguments, count),
+        (None, None) => once(arguments),
     };
     result.unwrap_or_else(|message| fail(&message))
 }
@@ -127,11 +133,14 @@ fn once(arguments: &Arguments) -> Result<u8, String> {
     }
     let files = SharedFiles::new(Files::create(&arguments.files()?, &scenario)?);
     let mut segment = Segment::new(&scenario, files.tap());
+    segment.mutation = arguments.mistakes.mutation()?;
+    segment.classes = arguments.mistakes.classes.is_some().then(Classes::default);
     let ended = supervisor::run(&program, &options, &mut segment).map_err(|e| e.to_string())?;
     segment.server.finish(START + ended.lasted);
     let interface = options.interfaces.join(" and ");
     let summary = Summary::new(&segment.server, &scenario.source, &interface, ended.lasted);
     files.finish()?;
+    arguments.mistakes.write(segment.classes.as_ref())?;
     arguments.finish(&summary, scenario.seed, &ended, segment.hash)
 }
 

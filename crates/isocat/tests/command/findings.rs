@@ -11,6 +11,7 @@ use isocat::report::{NoteKind, words};
 use isocat::{Nanos, Report, Scenario, SegmentFile};
 use isocat_maindevice::Segment;
 use isocat_maindevice::kind::Description;
+use isocat_rules::book::Rule;
 use isocat_sim::host::Stall;
 use isocat_sim::{Judged, Kind};
 
@@ -259,9 +260,10 @@ fn table<'a>(kinds: impl Iterator<Item = &'a Description>) -> String {
 /// The table of the rules as docs/rules.md shows it.
 fn rules() -> String {
     let mut text =
-        "| rule | what it claims | the evidence that it needs |\n|---|---|---|\n".to_owned();
-    for rule in isocat_rules::book::RULES {
-        text += &format!("| `{}` | {} | {} |\n", rule.name, rule.claims, rule.needs);
+        "| rule | what it claims | the evidence that it needs | its kind |\n|---|---|---|---|\n"
+            .to_owned();
+    for Rule { name, claims, needs, finds, .. } in isocat_rules::book::RULES {
+        text += &format!("| `{name}` | {claims} | {needs} | `{finds}` |\n");
     }
     text
 }

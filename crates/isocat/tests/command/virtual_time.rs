@@ -181,6 +181,43 @@ fn many_seeds_are_a_table_in_which_each_can_be_repeated() {
 }
 
 #[test]
+fn mistakes_on_purpose_are_held_against_what_they_did() {
+    let folder = Folder::new("mutate");
+    let segment = folder.segment("");
+    let program = ["--", ISOCAT, "run", &segment, "--interface", "vt0", "--for", "200ms"];
+    let output =
+        isocat(&[&["virtual", &segment, "--mutate", "10", "--json"], &program[..]].concat());
+    let errors = String::from_utf8_lossy(&output.stderr);
+    if cannot_be_supervised(&errors) {
+        return;
+    }
+    let table: Value = serde_json::from_slice(&output.stdout).expect(&errors);
+    let rows = table["rows"].as_array().expect("rows");
+    let door = &table["doors"]["virtual"];
+    let count = |key: &str| door[key].as_u64().expect(key);
+    let of_effect =
+        ["green", "red", "open", "program"].map(|said| count(&format!("effect_{said}")));
+    let harmful = rows.iter().filter(|row| row["effects"] != serde_json::json!([])).count() as u64;
+    assert_eq!((rows.len(), of_effect.iter().sum::<u64>()), (10, harmful), "{table}");
+    assert!(harmful > 0, "{table}");
+    assert_eq!((count("effect_green"), count("none_red")), (0, 0), "{table}");
+    assert_eq!(output.status.code(), Some(0), "{table}");
+}
+
+#[test]
+fn a_program_that_fails_without_a_mistake_is_not_mutated() {
+    let folder = Folder::new("mutate-bad");
+    let segment = folder.segment("");
+    let output = isocat(&["virtual", &segment, "--mutate", "1", "--", "sh", "-c", "exit 3"]);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    if cannot_be_supervised(&errors) {
+        return;
+    }
+    assert_eq!(output.status.code(), Some(2), "{errors}");
+    assert!(errors.contains("expected 0, so that mistakes show"), "{errors}");
+}
+
+#[test]
 fn what_can_not_be_run_is_refused_with_what_was_expected() {
     let folder = Folder::new("refused");
     let (script, text) = (folder.file("script"), folder.file("text"));

@@ -356,12 +356,18 @@ fn outputs_are_guarded() {
 }
 
 #[test]
-fn rules_have_names_of_their_own() {
-    let mut names: Vec<_> = crate::book::RULES.iter().map(|rule| rule.name).collect();
+fn each_kind_has_one_rule_and_each_rule_a_name() {
+    let rules = crate::book::RULES;
+    let mut names: Vec<_> = rules.iter().map(|rule| rule.name).collect();
     let all = names.len();
     names.sort_unstable();
     names.dedup();
     assert_eq!(names.len(), all);
+    let mut found: Vec<_> = rules.iter().map(|rule| rule.finds).collect();
+    let mut kinds: Vec<_> = Breach::DESCRIPTIONS.iter().map(|kind| kind.name).collect();
+    found.sort_unstable();
+    kinds.sort_unstable();
+    assert_eq!(found, kinds);
 }
 
 #[test]

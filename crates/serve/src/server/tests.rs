@@ -110,6 +110,7 @@ fn of_too_many_stretches_those_that_were_not_in_sync_stay() {
             devices: Vec::new(),
             findings: Vec::new(),
             ruling: <_>::default(),
+            evidence: Default::default(),
         }
     };
     let mut session = Session::new(Time::ZERO);

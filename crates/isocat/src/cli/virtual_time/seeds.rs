@@ -178,7 +178,7 @@ fn duration(span: Nanos) -> String {
 
 impl Arguments {
     /// The arguments of each run besides its segment and its seed.
-    fn of_one_run(&self) -> Vec<String> {
+    pub(super) fn of_one_run(&self) -> Vec<String> {
         let mut words = vec!["--interface".to_owned(), self.interface.clone()];
         let mut add = |flag: &str, value: Option<String>| {
             if let Some(value) = value {
@@ -212,17 +212,17 @@ impl Arguments {
 }
 
 impl Options {
-    fn jobs(&self) -> usize {
+    pub fn jobs(&self) -> usize {
         let processors = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         self.jobs.map_or_else(processors, usize::from)
     }
 }
 
-fn locked<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+pub fn locked<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn progress(runs: u64) -> ProgressBar {
+pub fn progress(runs: u64) -> ProgressBar {
     if !io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }

@@ -2,7 +2,7 @@
 
 use isocat_segment::Scenario;
 use isocat_serve::Setup;
-use isocat_serve::server::{Answer, Event, Server};
+use isocat_serve::server::{Answer, Event, Server, Session};
 use isocat_sim::fault::Happened;
 use isocat_sim::{Fault, MainPort, Tap};
 use isocat_virtual::kernel::MachineFault;
@@ -10,11 +10,18 @@ use isocat_virtual::supervisor::START;
 use isocat_virtual::{Wire, WireAnswer};
 use isocat_wire::time::{Host, Time};
 
+use super::mutate::class::Classes;
+use super::mutate::mutant::Mutation;
+
 /// A served segment, and the faults of the program's machine.
 pub struct Segment {
     pub server: Server,
     /// Hash (FNV-1a) of all frames that came back, with the times at which they were sent.
     pub hash: u64,
+    /// What is done to the program's frames on purpose.
+    pub mutation: Option<Mutation>,
+    /// The classes of datagrams, if they are wanted.
+    pub classes: Option<Classes>,
     machine_faults: Vec<MachineFault>,
 }
 
@@ -28,7 +35,13 @@ impl Segment {
             Some(tap) => server.with_tap(tap),
             None => server,
         };
-        Self { server, hash: 0xCBF2_9CE4_8422_2325, machine_faults: Vec::new() }
+        let (mutation, classes, machine_faults) = (None, None, Vec::new());
+        Self { server, hash: 0xCBF2_9CE4_8422_2325, mutation, classes, machine_faults }
+    }
+
+    fn is_in_operation(&self) -> bool {
+        let wanted = self.mutation.is_some() || self.classes.is_some();
+        wanted && self.server.session().is_some_and(Session::is_judged)
     }
 
     fn take_in(&mut self, bytes: &[u8]) {
@@ -55,10 +68,25 @@ impl Wire for Segment {
         answers: &mut Vec<WireAnswer>,
     ) {
         let mut bytes = frame.to_vec();
+        let in_operation = self.is_in_operation();
+        let mut behind = Vec::new();
+        if let Some(mutation) = &mut self.mutation {
+            behind = mutation.out(&mut bytes, in_operation);
+        }
         let answer = self.server.frame_at(PORTS[interface], at, &mut bytes);
         self.take_in(&at.count().to_le_bytes());
         self.take_in(&bytes);
         self.server.after(&bytes);
+        for mut frame in behind {
+            self.server.frame_at(PORTS[interface], at, &mut frame);
+            self.server.after(&frame);
+        }
+        if let Some(mutation) = &mut self.mutation {
+            mutation.back(&mut bytes);
+        }
+        if let Some(classes) = &mut self.classes {
+            classes.take(frame, &bytes, in_operation);
+        }
         if let Answer::Back { port, last_bit, .. } = answer {
             answers.push(WireAnswer { at: last_bit, interface: port as usize, bytes });
         }

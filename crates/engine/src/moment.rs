@@ -24,6 +24,7 @@ pub fn of(event: Observed) -> Option<Moment> {
         | Observed::Acknowledged(_)
         | Observed::Sampled(_)
         | Observed::SmEventMissed(_)
+        | Observed::OutputsSafe
         | Observed::State(..) => return None,
     })
 }

@@ -342,6 +342,11 @@ impl Tap for Recording {
                     self.incident(since, Some(position), what);
                 }
             }
+            Observed::OutputsSafe => {
+                device.keep_around(at);
+                let what = "its watchdog expired, outputs are safe".to_owned();
+                self.incident(since, Some(position), what);
+            }
             Observed::State(state, code) if state != AlState::Op || code.0 != 0 => {
                 let what = format!("{}, AL status code {code}", state.name());
                 self.incident(since, Some(position), what);

@@ -300,6 +300,10 @@ impl<W: Write> Tap for Capture<W> {
                 let words = format!("{who}: now in {state}{why}");
                 self.note(Note { at: stamp(at), behind: true, words });
             }
+            Observed::OutputsSafe => {
+                let words = format!("{who}: its watchdog expired, outputs are safe");
+                self.comment(stamp(at), words);
+            }
             Observed::SmEventMissed(counter) => {
                 let sync = segment.devices()[observation.device].stack.sync();
                 let index = if sync.has_outputs() { OUTPUT_PARAMETER } else { INPUT_PARAMETER };

@@ -324,6 +324,7 @@ impl<W: Write> Tap for Trace<W> {
             }
             Observed::StillActive(Event::Sync1) => self.instant(at, process, SYNC1, LOST_PULSE),
             Observed::StillActive(_) => self.instant(at, process, SYNC0, LOST_PULSE),
+            Observed::OutputsSafe => self.instant(at, process, SM2, "outputs safe: watchdog"),
             // They are at SYNC0; their values are for waveforms.
             Observed::Acknowledged(_) | Observed::Sampled(_) => {}
             Observed::Began(step) => {

@@ -160,7 +160,9 @@ fn change(
         Observed::Sm3 => 3,
         Observed::SmEventMissed(_) => 4,
         // These events are no edges.
-        Observed::StillActive(_) | Observed::Acknowledged(_) => return Ok(()),
+        Observed::StillActive(_) | Observed::Acknowledged(_) | Observed::OutputsSafe => {
+            return Ok(());
+        }
         Observed::Began(began) => {
             return step(began).map_or(Ok(()), |id| writer.change_scalar(id, Value::V1));
         }

@@ -423,6 +423,7 @@ impl DeviceBench {
             Observed::Began(_)
             | Observed::Finished(_)
             | Observed::Acknowledged(_)
+            | Observed::OutputsSafe
             | Observed::Sampled(_) => {}
         }
     }

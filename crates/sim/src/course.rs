@@ -142,6 +142,10 @@ impl Course {
             Observed::SmEventMissed(_) => sign = Some(Sign::MissedEvent),
             Observed::StillActive(_) if place.in_op => sign = Some(Sign::NoSync0),
             Observed::Sm2 if place.in_op => place.note_stored(at),
+            Observed::OutputsSafe => {
+                place.note_pause(at);
+                place.stored = None;
+            }
             Observed::State(state, _) => {
                 let was_in_op = std::mem::replace(&mut place.in_op, state == AlState::Op);
                 if was_in_op && !place.in_op {
@@ -250,7 +254,7 @@ impl Course {
     }
 
     /// The longest time for which a SubDevice was in OP without new outputs after the last ones
-    /// were stored; zero if it never had any.
+    /// were stored, and did not make them safe; zero if it never had any.
     pub fn longest_stale(&self, device: usize) -> Picos {
         self.devices.get(device).map_or(Picos::ZERO, |place| place.stale)
     }
@@ -379,5 +383,22 @@ mod tests {
         course.observe(0, at(900), Observed::Sm2, &none);
         course.end(at(1_000));
         assert_eq!(course.longest_stale(0), Picos::from(Nanos::millis(100)));
+    }
+
+    #[test]
+    fn outputs_that_were_made_safe_in_op_are_stale_no_longer() {
+        let stale = |safe: Option<u64>| {
+            let mut course = course();
+            let none = Measured::default();
+            course.observe(0, at(15), Observed::Sm2, &none);
+            if let Some(ms) = safe {
+                course.observe(0, at(ms), Observed::OutputsSafe, &none);
+            }
+            course.observe(0, at(800), Observed::Sm2, &none);
+            course.end(at(801));
+            course.longest_stale(0)
+        };
+        let ms = |ms| Picos::from(Nanos::millis(ms));
+        assert_eq!((stale(None), stale(Some(115))), (ms(785), ms(100)));
     }
 }

@@ -667,6 +667,10 @@ impl Device {
             self.report(at, Observed::SmEventMissed(counter), Content::default(), watch);
         }
         let state = (self.stack.state(), self.stack.status_code());
+        let made_safe = self.stack.application_mut().take_made_safe();
+        if made_safe && state == self.state && state.0 == isocat_wire::AlState::Op {
+            self.report(at, Observed::OutputsSafe, Content::default(), watch);
+        }
         if state != self.state {
             self.state = state;
             self.next_state_version(watch);

@@ -59,6 +59,8 @@ pub enum Observed {
     Sampled(Sample),
     /// An expected SM event was missed; the value is that of the counter.
     SmEventMissed(u16),
+    /// Outputs became safe in OP: the process data watchdog of a device without a program expired.
+    OutputsSafe,
     /// The state changed.
     State(AlState, AlStatusCode),
 }

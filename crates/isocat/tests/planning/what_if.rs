@@ -117,6 +117,38 @@ fn both_sides_of_the_watchdog() {
     assert_eq!(left_with(&below), Some((AlState::SafeOp, 0x001B)), "{below:#?}");
 }
 
+/// A device without a program stays in OP, and its watchdog makes its outputs safe all the same.
+#[test]
+fn the_watchdog_of_a_device_without_a_program_makes_its_outputs_safe() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let profile = include_str!("../../../segment/profiles/simple_io16.toml");
+    let circuit = profile
+        .replace("\"simple_io16\"", "\"circuit\"")
+        .replace("[behaviour]", "[behaviour]\ndevice_emulation = true");
+    std::fs::write(folder.join("circuit.toml"), circuit).expect("a folder for tests");
+    let far = |watchdog: &str| {
+        let text = SIMPLE.replace("WATCHDOG", watchdog);
+        let text = text.replace(
+            "device = \"simple_io16\"\nname = \"far\"",
+            "device = \"circuit.toml\"\nname = \"far\"",
+        );
+        let file = SegmentFile::parse(&folder.join("w.toml").display().to_string(), &text);
+        let scenario = Scenario::from(file.unwrap_or_else(|error| panic!("{error}")));
+        let plan = Plan::of(&scenario).expect("a plan");
+        let settings = Settings { gone: Nanos::millis(1), devices: vec![1], threads: 2 };
+        let found = what_if::what_if(&plan, &scenario, &settings, &mut |_| {});
+        case(&found, Gone::Cable, 1).devices[1].clone()
+    };
+    let held = far("2s");
+    assert_eq!((held.outcome, held.made_safe), (Outcome::CutOff, false), "{held:#?}");
+    assert!(held.held_ns.is_some_and(|held| held > 301_000_000), "{held:#?}");
+    let safe = far("100ms");
+    assert_eq!((safe.outcome, safe.made_safe), (Outcome::CutOff, true), "{safe:#?}");
+    // From the frame itself, which restarts the watchdog with its last byte.
+    let range = 99_900_000..100_100_000;
+    assert!(safe.held_ns.is_some_and(|held| range.contains(&held)), "{safe:#?}");
+}
+
 /// A fork without a clock: the reference is the first of one branch, and when it goes another one
 /// leads.
 #[test]

@@ -15,6 +15,7 @@ pub struct BoxedApplication {
     mapped: bool,
     /// Whether its outputs acted since the last check.
     acted: bool,
+    made_safe: bool,
     /// What else looks at its process data; few devices have it.
     beside: Option<Box<Beside>>,
 }
@@ -66,7 +67,7 @@ impl BoxedApplication {
         let beside = sampling.map(|sampling| {
             Box::new(Beside { plant: None, sampler: Some(Sampler::new(sampling)) })
         });
-        Self { application, mapped: false, acted: false, beside }
+        Self { application, mapped: false, acted: false, made_safe: false, beside }
     }
 
     pub(super) fn take_mapped(&mut self) -> bool {
@@ -75,6 +76,11 @@ impl BoxedApplication {
 
     pub(super) fn take_acted(&mut self) -> bool {
         std::mem::take(&mut self.acted)
+    }
+
+    /// Whether outputs became safe since the last call.
+    pub(super) fn take_made_safe(&mut self) -> bool {
+        std::mem::take(&mut self.made_safe)
     }
 
     /// Whether nothing else looks at its process data.
@@ -157,6 +163,7 @@ impl Application for BoxedApplication {
         }
     }
     fn safe_outputs(&mut self) {
+        self.made_safe = true;
         if let Some(Beside { plant, sampler }) = self.beside.as_deref_mut() {
             plant.iter_mut().for_each(|plant| plant.release());
             sampler.iter_mut().for_each(|sampler| sampler.release());

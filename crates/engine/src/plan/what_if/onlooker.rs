@@ -39,6 +39,8 @@ pub(super) struct Device {
     /// End of that time, if process data ended it.
     pub exchanged_again: Option<Time<True>>,
     exchanged: Option<Time<True>>,
+    /// How long it had held outputs in OP when it first made them safe by itself.
+    pub held: Option<Picos>,
     /// When the MainDevice first gave it up, and when it last re-admitted it.
     pub lost: Option<(Time<True>, Option<Time<True>>)>,
     /// Why the MainDevice could not re-admit it; cleared when it succeeds.
@@ -154,6 +156,9 @@ impl Onlooker {
                 if device.in_op {
                     device.exchange(at, from);
                 }
+            }
+            Observed::OutputsSafe if at >= from => {
+                device.held = device.held.or(device.exchanged.map(|since| at - since));
             }
             Observed::State(state, code) => {
                 self.last_change = self.last_change.max(at);

@@ -101,6 +101,9 @@ pub struct Fate {
     /// How long it was in OP with the process data of the last frame: its outputs kept their
     /// values. Null if it exchanged process data all the time or lost its power.
     pub held_ns: Option<i64>,
+    /// Whether its watchdog then made the outputs safe, though it stays in OP: a device without a
+    /// program.
+    pub made_safe: bool,
     /// Largest SYNC0 error against the clock that leads, from the begin of the fault to the end of
     /// the run; null without SYNC0, and while no clock leads.
     pub sync0_worst_ns: Option<f64>,

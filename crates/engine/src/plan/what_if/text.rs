@@ -159,7 +159,9 @@ impl WhatIf {
 /// Whether both have the same outcome, whatever their figures.
 fn is_like(one: &Fate, other: &Fate) -> bool {
     let has_sync0 = |fate: &Fate| fate.outcome == Outcome::InSync && fate.sync0_worst_ns.is_some();
-    let key = |fate: &Fate| (fate.outcome, fate.state, fate.code, fate.outputs, has_sync0(fate));
+    let key = |fate: &Fate| {
+        (fate.outcome, fate.state, fate.code, fate.outputs, fate.made_safe, has_sync0(fate))
+    };
     key(one) == key(other) && (one.not_back, &one.why) == (other.not_back, &other.why)
 }
 
@@ -178,7 +180,8 @@ fn row(group: &[&Fate]) -> Row {
             format!("in OP, not in sync from {after} on{}", sync0.unwrap_or_default())
         }
         Outcome::CutOff if outputs => {
-            format!("stays in OP without frames; outputs held for {held}")
+            let safe = if first.made_safe { ", then safe" } else { "" };
+            format!("stays in OP without frames; outputs held for {held}{safe}")
         }
         Outcome::CutOff => "stays in OP without frames".to_owned(),
         Outcome::LeftOp => {

@@ -75,8 +75,8 @@ static EXPECT: Section = Section {
             name: "safe_within",
             kind: Kind::duration(Nanos(1), LONGEST_RUN),
             need: Need::Without("it does not matter"),
-            means: "No device stays in OP for longer with outputs that no frame renews: it leaves OP before, and its outputs are \
-                    safe.",
+            means: "No device stays in OP for longer with outputs that no frame renews: it leaves OP before, or its \
+                    watchdog makes them safe.",
             goes: "the course of the run",
             example: r#""120ms""#,
         },

@@ -204,8 +204,9 @@ fn follows(observer: &Observer, device: &Device) -> bool {
         && observer.drift.count - observer.drift.recent >= SETTLED
 }
 
-/// By how much offset and delay set the clock of a device ahead of the reference, ns, by the time
-/// at which both had the frame that latched it (0x0918).
+/// By how much the offset set the clock of a device ahead of the reference, ns, by the time at which
+/// both had the frame that latched it (0x0918). Some MainDevices leave the way between them to the
+/// drift loop, so the lesser distance counts, with the way or without it.
 fn ahead_when_set(observer: &Observer, device: &Device) -> Option<i64> {
     let reference = &observer.devices.list[judge::reference(observer)?];
     let of = |device: &Device| {
@@ -218,7 +219,8 @@ fn ahead_when_set(observer: &Observer, device: &Device) -> Option<i64> {
         true => ahead.cast_signed(),
         false => i64::from((ahead as u32).cast_signed()),
     };
-    Some(ahead.saturating_sub(way(observer, device)? - way(observer, reference)?))
+    let way = way(observer, device)? - way(observer, reference)?;
+    [ahead, ahead.saturating_sub(way)].into_iter().min_by_key(|ahead| ahead.unsigned_abs())
 }
 
 fn is_wide(device: &Device) -> bool {
@@ -363,9 +365,15 @@ mod tests {
             follows(&observer, &observer.devices.list[place])
         };
         let wide = register::features::DC_64_BIT;
-        // Latched 2 us later, of which the way is one.
+        // Latched 2 us later, of which the way is one, and that may be left out.
         let apart = i64::from(sync::APART_NS);
-        for (ahead, near) in [(0, true), (apart, true), (apart + 1, false), (-apart - 1, false)] {
+        for (ahead, near) in [
+            (0, true),
+            (apart, true),
+            (apart + 1, false),
+            (-1_000 - apart, true),
+            (-1_001 - apart, false),
+        ] {
             assert_eq!(follows(wide, ahead - 1_000, SETTLED), near, "{ahead}");
         }
         assert!(!follows(wide, -1_000, SETTLED - 1));

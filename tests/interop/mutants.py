@@ -24,7 +24,7 @@ AXES = HERE / "mistakes" / "axes.toml"
 # The share that diagnose may let pass, as no frame shows it; of few, one.
 OUT_OF_SIGHT = 0.02
 # A run of ethercrab, which polls, takes as long as this many of the others.
-SLOW = 8
+SLOW = 20
 
 
 def programs(isocat):

@@ -204,9 +204,9 @@ fn follows(observer: &Observer, device: &Device) -> bool {
         && observer.drift.count - observer.drift.recent >= SETTLED
 }
 
-/// By how much the offset set the clock of a device ahead of the reference, ns, by the time at which
-/// both had the frame that latched it (0x0918). Some MainDevices leave the way between them to the
-/// drift loop, so the lesser distance counts, with the way or without it.
+/// By how much the offset set the clock of a device ahead of the reference, ns, by the time at
+/// which both had the frame that latched it (0x0918). Some MainDevices leave the way between them
+/// to the drift loop, so the lesser distance counts, with the way or without it.
 fn ahead_when_set(observer: &Observer, device: &Device) -> Option<i64> {
     let reference = &observer.devices.list[judge::reference(observer)?];
     let of = |device: &Device| {

@@ -220,7 +220,7 @@ fn clocks_that_nothing_latched_are_not_known_to_have_come_together() {
     let (file, claims) = ran();
     for (latched, verdict) in [(true, VerdictKind::InSync), (false, VerdictKind::NothingFound)] {
         let file = changed(&file, |datagram| {
-            // Nobody looks at differences, or all would be known.
+            // Differences are not read: they would show that the clocks are together.
             let (is_look, is_latch) = (datagram.word(4) == 0x092C, datagram.word(4) == 0x0900);
             let writes = datagram.head[0] == Command::Bwr as u8;
             if is_look || !latched && is_latch && writes {

@@ -644,6 +644,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.dc.system_time(at)
     }
 
+    /// The same in 64 bits, whatever the width of its counter: a count that goes on where a counter
+    /// of 32 bits begins again.
+    pub fn system_count(&self, at: Time<Device>) -> u64 {
+        self.dc.system(at)
+    }
+
     /// The first instant at or after `from`, on its tick, at which the system time has reached
     /// `system`. A `system` up to half the counter's range in the past counts as reached.
     pub fn first_reaching(&self, system: Time<Dc>, from: Time<Device>) -> Time<Device> {

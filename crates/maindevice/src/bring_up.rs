@@ -438,7 +438,7 @@ async fn wait_for_sync(link: &Link, config: &Config, segment: &Segment) -> Resul
     let now = sync::system_time(link, reference.station).await?;
     let now = match reference.dc {
         crate::segment::DcCapability::Clock64 => now,
-        _ => crate::cycle::extend(now.count() as u32, start),
+        _ => start.nearest(now.count() as u32),
     };
     // However far off the clock now says that it is: what pulses there are is seen behind this.
     let most = config.timeouts.sync_lead + LONGEST_GRID + LONGEST_GRID;

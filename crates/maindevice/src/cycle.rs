@@ -36,7 +36,6 @@ use complete::{Closing, Taken};
 use frames::CyclicFrame;
 pub(crate) use layout::{MOST_CHUNK, chunk_times, frames};
 use presence::{Admitted, Place, Reference};
-pub(crate) use receive::extend;
 
 /// The cyclic exchange and its state.
 pub(crate) struct CyclicExchange {

@@ -13,7 +13,6 @@ use isocat_wire::{ObjectAddress, StationAddress};
 
 use crate::coe;
 use crate::config::{Config, DeviceConfig};
-use crate::cycle::extend;
 use crate::error::{AccessError, Cause, SdoError};
 use crate::link::Link;
 use crate::mailbox::Mailbox;
@@ -237,7 +236,7 @@ pub(crate) async fn reference_now(
     let (_, near) = link.board(|board| board.reference_time);
     Ok(match reference.dc {
         DcCapability::Clock64 => now,
-        _ => extend(now.count() as u32, near),
+        _ => near.nearest(now.count() as u32),
     })
 }
 
@@ -359,7 +358,7 @@ pub(crate) async fn verify(link: &Link, device: &mut SubDevice) -> Result<(), Ca
         };
         let wide = |time: Time<Dc>| match device.dc {
             DcCapability::Clock64 => time,
-            _ => extend(time.count() as u32, setting.start),
+            _ => setting.start.nearest(time.count() as u32),
         };
         let (now, next, next_sync1) = (wide(now), wide(next), wide(next_sync1));
         // ECAT reads the time less the delay (0x0928), but pulses are made by the time without it.

@@ -11,7 +11,7 @@ use isocat_esc::{Chip, CyclicFrame, Esc, EscEvent, Passing, Pdi};
 use isocat_subdevice::description::ProcessDataArea;
 use isocat_subdevice::{Application, Description, Event, Misbehaviour, Prepared, Step, SubDevice};
 use isocat_wire::datagram::Address;
-use isocat_wire::register::al_event;
+use isocat_wire::register::{self, al_event};
 use isocat_wire::time::{Dc, Device as DeviceClock, Local, Time, True};
 use isocat_wire::{AlStatusCode, Command};
 
@@ -81,6 +81,8 @@ pub struct Device {
     powered: bool,
     /// See [`Self::set_lane`].
     lane: bool,
+    /// See [`Self::count_on`].
+    beyond: Option<u64>,
     /// The steps of each event.
     prepared: Prepared<Kept>,
     /// The times that were drawn last for such steps.
@@ -133,6 +135,7 @@ impl Device {
             ports_changed: false,
             powered: true,
             lane: true,
+            beyond: None,
             prepared: Prepared::new(),
             drawn: Sequence::NONE,
             sm_events,
@@ -325,7 +328,23 @@ impl Device {
     /// The tick of this number, as long as nothing happens at the ESC.
     pub(crate) fn tick(&self, number: u64) -> Tick {
         let at = Time::new(number * TICK_NS);
-        Tick { number, begin: self.oscillator.when(at), system: self.esc.system_time(at) }
+        let system = match self.beyond {
+            Some(beyond) => Time::new(self.esc.system_count(at).wrapping_add(beyond)),
+            None => self.esc.system_time(at),
+        };
+        Tick { number, begin: self.oscillator.when(at), system }
+    }
+
+    /// From now on its system time is told in 64 bits, though its counter may have 32: a grid goes on
+    /// where the counter begins again. `near` is about that time now, to 2.147 s; what lies beyond
+    /// the counter is taken from it.
+    pub(crate) fn count_on(&mut self, at: Time<True>, near: Time<Dc>) {
+        if self.esc.register(register::FEATURES) & register::features::DC_64_BIT != 0 {
+            return;
+        }
+        let at = Time::new(self.tick_at(at) * TICK_NS);
+        let now = near.nearest(self.esc.system_time(at).count() as u32);
+        self.beyond = Some(now.count().wrapping_sub(self.esc.system_count(at)));
     }
 
     /// Processes all events up to and including `limit`.

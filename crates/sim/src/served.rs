@@ -309,7 +309,7 @@ impl Served {
                 return None;
             }
             let wide = esc.register(register::FEATURES) & register::features::DC_64_BIT != 0;
-            let next = if wide { Time::new(next) } else { near(reference_time, next as u32) };
+            let next = if wide { Time::new(next) } else { reference_time.nearest(next as u32) };
             Some(Grid {
                 cycle: Nanos::from_u32(cycle),
                 phase: Nanos(next.phase(cycle.into()) as i64),
@@ -330,6 +330,7 @@ impl Served {
             Some(Grid { cycle, phase: Nanos(Time::<Dc>::new(next).phase(cycle.0 as u64) as i64) })
         });
         let acting = acting.collect();
+        self.segment.device_mut(reference).count_on(self.now, reference_time);
         self.bench.begin(Intent {
             reference,
             send: Grid { cycle, phase: Nanos::ZERO },
@@ -387,22 +388,5 @@ impl Served {
             *end > Time::ZERO && *start + after <= at && at <= *end + after
         };
         self.clashes[edge.device] += u64::from(self.passed.iter().any(meets));
-    }
-}
-
-/// The 64-bit system time nearest to `reference` that ends in these 32 bits.
-fn near(reference: Time<Dc>, low: u32) -> Time<Dc> {
-    reference + Nanos(i64::from(low.wrapping_sub(reference.count() as u32) as i32))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn short_clocks_are_read_near_the_reference() {
-        let reference = Time::new(7 << 32 | 0xFFFF_FFF0);
-        assert_eq!(near(reference, 0xFFFF_FF00), Time::new(7 << 32 | 0xFFFF_FF00));
-        assert_eq!(near(reference, 0x10), Time::new(8 << 32 | 0x10));
     }
 }

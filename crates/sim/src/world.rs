@@ -385,7 +385,10 @@ impl<A: Application, T: Tap> World<A, T> {
         match event {
             Event::InOperation { .. } => self.timeline.reached(Moment::InOperation, self.now),
             Event::ReferenceLost { .. } => self.bench.led_by(None),
-            Event::ReferenceElected { position, .. } => self.bench.led_by(Some(position)),
+            Event::ReferenceElected { position, .. } => {
+                self.count_on(position);
+                self.bench.led_by(Some(position));
+            }
             _ => {}
         }
         if let Some(tap) = &mut self.tap {
@@ -406,6 +409,7 @@ impl<A: Application, T: Tap> World<A, T> {
 
     /// Begins judging: the segment is in operation.
     pub fn begin_judging(&mut self, intent: Intent) {
+        self.count_on(intent.reference);
         if self.follows_course {
             let states = self.segment.devices().iter().map(|device| device.stack.state());
             self.course = Some(Course::begin(self.now, &intent, states));
@@ -418,6 +422,14 @@ impl<A: Application, T: Tap> World<A, T> {
             self.watcher.keep_for_judges(intent.is_timed(), devices);
         }
         self.bench.begin(intent);
+    }
+
+    /// Grids of the intent are those of the MainDevice's count, which goes on where a counter of 32
+    /// bits begins again.
+    fn count_on(&mut self, reference: usize) {
+        if let Some(near) = self.main().system_time(self.host.now(self.now)) {
+            self.segment.device_mut(reference).count_on(self.now, near);
+        }
     }
 
     /// Ends the judged time; returns the judges.

@@ -94,6 +94,12 @@ impl Time<Dc> {
     pub fn phase(self, cycle: u64) -> u64 {
         if cycle == 0 { 0 } else { self.0 % cycle }
     }
+
+    /// The time nearest to this one whose lower half is `low`: what a clock of 32 bits shows, at most
+    /// 2.147 s before or after this time.
+    pub fn nearest(self, low: u32) -> Self {
+        Self::new(self.0.wrapping_add_signed(i64::from(low.wrapping_sub(self.0 as u32) as i32)))
+    }
 }
 
 impl Time<True> {
@@ -285,6 +291,17 @@ mod tests {
         assert_eq!(after - before, Nanos(10));
         assert_eq!(before - after, Nanos(-10));
         assert_eq!(Nanos(i64::MAX) + Nanos(1), Nanos(i64::MAX));
+    }
+
+    #[test]
+    fn a_clock_of_32_bits_is_read_near_a_time() {
+        let near = Time::<Dc>::new(7 << 32 | 0xFFFF_FFF0);
+        assert_eq!(near.nearest(0xFFFF_FF00), Time::new(7 << 32 | 0xFFFF_FF00));
+        assert_eq!(near.nearest(0x10), Time::new(8 << 32 | 0x10));
+        // Half of its range is the edge.
+        assert_eq!(near.nearest(0x7FFF_FFEF), Time::new(8 << 32 | 0x7FFF_FFEF));
+        assert_eq!(near.nearest(0x7FFF_FFF0), Time::new(7 << 32 | 0x7FFF_FFF0));
+        assert_eq!(Time::<Dc>::new(5).nearest(0xFFFF_FFFF), Time::new(u64::MAX));
     }
 
     #[test]

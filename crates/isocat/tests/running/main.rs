@@ -5,6 +5,7 @@ mod allocations;
 mod application;
 mod bad_wire;
 mod changes;
+mod clock_of_32_bits;
 mod conformance;
 mod delays;
 mod direction;

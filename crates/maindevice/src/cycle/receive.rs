@@ -288,7 +288,7 @@ impl Reference {
     fn extend(&mut self, raw: u64) -> Time<Dc> {
         let dc = match (self.wide, self.seen) {
             (true, _) => Time::new(raw),
-            (false, true) => extend(raw as u32, self.last),
+            (false, true) => self.last.nearest(raw as u32),
             (false, false) => Time::new(raw & u64::from(u32::MAX)),
         };
         (self.last, self.seen) = (dc, true);
@@ -298,9 +298,3 @@ impl Reference {
 
 /// Cycles by which a frame can be late. After two cycles it is given up, and its time with it.
 const MOST_LATE: i64 = 4;
-
-/// The time of a 32-bit clock, extended to the 64-bit time nearest to `near`.
-pub(crate) fn extend(low: u32, near: Time<Dc>) -> Time<Dc> {
-    let ahead = low.wrapping_sub(near.count() as u32) as i32;
-    near + Nanos(i64::from(ahead))
-}

@@ -17,7 +17,7 @@ pub(crate) struct Logical {
     /// Frames with it, in the whole capture.
     pub frames: u64,
     /// Frames with it since operation began.
-    recent: u64,
+    pub recent: u64,
     /// The first of them.
     pub first: usize,
     /// How often each working counter came back while the segment was in operation.
@@ -86,6 +86,12 @@ impl Rhythm {
     fn cycle(&mut self, instant: Duration, at: Duration, frame: usize) -> Option<u64> {
         let last = self.last.replace(instant)?;
         let ns = u64::try_from(instant.saturating_sub(last).as_nanos()).unwrap_or(u64::MAX);
+        self.interval(ns, at, frame);
+        Some(ns)
+    }
+
+    /// Notes an interval that ended at `at`.
+    pub fn interval(&mut self, ns: u64, at: Duration, frame: usize) {
         self.count += 1;
         self.sum += u128::from(ns);
         *self.bins.entry(three_digits(ns)).or_default() += 1;
@@ -97,7 +103,6 @@ impl Rhythm {
             self.longest.insert(place, Gap { frame, at, ns });
             self.longest.truncate(MOST_GAPS);
         }
-        Some(ns)
     }
 
     /// Ends the present interval: it does not lie in operation.
@@ -155,6 +160,12 @@ pub(crate) struct Cycle {
     pub rhythm: Rhythm,
     /// The same in the time of the reference clock.
     pub by_clock: Rhythm,
+    /// From a frame that begins a cycle to its answer, by the stamps of the capture.
+    pub round_trip: Rhythm,
+    /// The same of those answers that came when the frame of the next cycle had left.
+    pub overtaken: Rhythm,
+    /// The last answer.
+    answer: Option<Gap>,
     /// The last frame with a logical datagram that came back.
     pub last_answered: usize,
     /// Since when none came back in operation, and the number of frames since.
@@ -180,6 +191,8 @@ impl Cycle {
             self.marker = Some(place);
             self.rhythm = Rhythm::default();
             self.by_clock = Rhythm::default();
+            self.round_trip = Rhythm::default();
+            self.overtaken = Rhythm::default();
         }
         let begins = self.marker == Some(place);
         let logical = &mut self.logical[place];
@@ -225,6 +238,17 @@ impl Cycle {
         [by_stamps, by_clock]
     }
 
+    /// Notes that the frame `request` that began a cycle came back `ns` later, at `at` in the frame
+    /// `answer`.
+    pub fn answered(&mut self, request: usize, answer: usize, at: Duration, ns: u64) {
+        self.round_trip.interval(ns, at, answer);
+        // Stamps may jump between two frames, but not a frame between them.
+        if let Some(last) = self.answer.filter(|last| last.frame > request) {
+            self.overtaken.interval(last.ns, last.at, last.frame);
+        }
+        self.answer = Some(Gap { frame: answer, at, ns });
+    }
+
     /// Whether the frame that began the last cycle came a second time: it has the same index within
     /// a quarter of a cycle, though the MainDevice gives each cycle another index. `time`: as in
     /// [`begins`](Self::begins). Must be called for each frame that begins a cycle.
@@ -252,6 +276,9 @@ impl Cycle {
         self.silence = None;
         self.rhythm = Rhythm::default();
         self.by_clock = Rhythm::default();
+        self.round_trip = Rhythm::default();
+        self.overtaken = Rhythm::default();
+        self.answer = None;
         self.marker = None;
         for logical in &mut self.logical {
             logical.counts.clear();

@@ -28,13 +28,14 @@ pub(crate) fn of(observer: &Observer, claims: &Claims) -> Evidence {
     let cycles = [&observer.cycle.by_clock, &observer.cycle.rhythm];
     let rhythm = cycles.into_iter().find(|rhythm| rhythm.count >= LEAST_CYCLES);
     let is_operated = observer.operation.is_some() && rhythm.is_some();
+    let cycle = rhythm.and_then(|rhythm| rhythm.median()).map(nanos);
     let of_device = |(at, claims): (usize, &DeviceClaims)| {
         let place = u16::try_from(at).ok().and_then(|at| observer.devices.at(at));
-        Some(device(observer, place?, claims, is_operated))
+        Some(device(observer, place?, claims, is_operated, cycle))
     };
     let devices = claims.devices.iter().enumerate();
     Evidence {
-        cycle: rhythm.and_then(|rhythm| rhythm.median()).map(nanos),
+        cycle,
         // A pause between two stretches is none in operation.
         longest_drift_gap: sync::drift_gap(observer)
             .filter(|_| observer.held.is_empty())
@@ -50,6 +51,7 @@ fn device(
     place: usize,
     claims: &DeviceClaims,
     is_operated: bool,
+    cycle: Option<Nanos>,
 ) -> DeviceEvidence {
     let device = &observer.devices.list[place];
     // Without any state in the capture, the exchange itself is operation.
@@ -73,6 +75,7 @@ fn device(
         frame_to_sync0: frame_to_sync0(observer, device),
         lengths,
         exchanged: [0, 1].map(|towards| data::exchanged(observer, device, towards)),
+        carried_each: [0, 1].map(|towards| data::carried_each(observer, device, towards, cycle?)),
         logical: set_up.then(|| data::mapped(device)),
         guarded: data::guarded(device, set_up),
         watchdog: data::watchdog(device, set_up),

@@ -114,6 +114,8 @@ kinds! {
     CyclesSkipped { count: u64, longest_ns: u64, cycle_ns: u64 } "cycles-skipped" Fault;
     /// Cyclic frames did not come back.
     FramesLost { count: u64 } "frames-lost" Fault;
+    /// Answers of cyclic frames came when the next cycle had begun.
+    AnswersLate { count: u64, longest_ns: u64, cycle_ns: u64 } "answers-late" Fault;
     /// The cycle of the frames is neither a multiple nor a fraction of that of the SYNC unit.
     CycleMismatch { frames_ns: u64, cycle_ns: u64 } "cycle-mismatch" Fault;
     /// Frames slide through the cycle: the MainDevice does not follow the reference clock.

@@ -177,6 +177,11 @@ impl Observer {
             let frame = exchange.answer.as_ref().map_or(first.number, |answer| answer.number);
             let at_ns = at.saturating_sub(self.first.unwrap_or_default()).as_nanos() as u64;
             let [by_stamps, by_clock] = self.cycle.begins(at, time, frame, &together);
+            if let Some((request, answer)) = exchange.request.as_ref().zip(exchange.answer.as_ref())
+            {
+                let took = answer.at.saturating_sub(at).as_nanos() as u64;
+                self.cycle.answered(request.number, answer.number, answer.at, took);
+            }
             if let Some(ns) = by_stamps {
                 onlooker(Measured::Interval { at_ns, ns });
             }

@@ -317,6 +317,7 @@ impl Builder<'_> {
             operation: self.observer.operation.map(|known| self.files.place(known.frame)),
             by_stamps: self.rhythm(&cycle.rhythm),
             by_clock: self.rhythm(&cycle.by_clock),
+            round_trip: self.rhythm(&cycle.round_trip),
             transmissions: cycle.logical.iter().map(|one| self.transmission(one)).collect(),
         })
     }

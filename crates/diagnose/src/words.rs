@@ -71,6 +71,12 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
             1 => "1 cyclic frame has no answer in the capture".to_owned(),
             _ => format!("{count} cyclic frames have no answer in the capture"),
         },
+        Kind::AnswersLate { count, longest_ns, cycle_ns } => format!(
+            "{count} answers of cyclic frames came when the next cycle of {} had begun, up to {} after their frame: it began without these \
+             inputs",
+            ns(*cycle_ns),
+            ns(*longest_ns)
+        ),
         Kind::FramesDoubled { count } => {
             format!(
                 "{count} answers of cyclic frames have no request in the capture: devices may have taken frames twice"
@@ -248,6 +254,10 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         Kind::FramesLost { .. } => &[
             "read the error counters (0x0300 to 0x0313): the first port that counts is behind the place",
             "if they stay 0, the capture or the network card lost them: compare its counters",
+        ],
+        Kind::AnswersLate { .. } => &[
+            "look at the network card of the MainDevice: coalescing (ethtool -C INTERFACE rx-usecs 0), power saving, a USB adapter",
+            "isocat run --interface IF --preflight names what harms punctuality on a Linux machine",
         ],
         Kind::FramesDoubled { .. } => &["look for a switch or a loop-back that repeats frames"],
         Kind::SyncCounted { object, .. } => {

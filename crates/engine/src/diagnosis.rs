@@ -134,6 +134,17 @@ fn of_segment(finding: &crate::report::Finding, report: &Report) -> Diagnosis {
                 "isocat scan counts errors at each port (0x0300 on): the first port that counts is next to the fault",
             ],
         ),
+        Kind::Judged(Judged::AnswersLate { .. }) => (
+            &[
+                "The segment answered, and the answers reached the MainDevice too late: a network card that gathers \
+                 frames before it tells them (coalescing), a USB adapter, power saving, or a driver.",
+            ],
+            &[
+                "ethtool -C INTERFACE rx-usecs 0, and no adapter between",
+                "isocat run --preflight tells what on a machine harms punctuality",
+                "a longer cycle",
+            ],
+        ),
         Kind::Judged(Judged::WorkingCounter { .. }) => (
             &[
                 "A SubDevice did not take or give its process data: it left SAFEOP or OP, or was not reached.",
@@ -420,7 +431,14 @@ impl Case<'_> {
             return;
         }
         let frames = |kind: &Kind| {
-            matches!(kind, Kind::Judged(Judged::FramesLost { .. } | Judged::CyclesSkipped { .. }))
+            matches!(
+                kind,
+                Kind::Judged(
+                    Judged::FramesLost { .. }
+                        | Judged::AnswersLate { .. }
+                        | Judged::CyclesSkipped { .. }
+                )
+            )
         };
         let mut of_segment =
             self.report.findings.iter().filter(|finding| finding.position.is_none());

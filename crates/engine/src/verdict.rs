@@ -224,7 +224,8 @@ impl Engine {
             verdict.doubt(Place::SEGMENT, Gap::ReturnedLate { frames: behind });
         }
         let errors = last.working_counter_errors - self.first.working_counter_errors;
-        self.told.end(main, readings, errors, &mut verdict);
+        let late = last.frames_late - self.first.frames_late;
+        self.told.end(main, readings, (errors, late), &mut verdict);
         if main.segment().reference.is_some() && main.phase() != Some(phase::State::Locked) {
             let holdover = main.phase() == Some(phase::State::Holdover);
             verdict.add(Place::SEGMENT, None, Judged::HostNotLocked { holdover });

@@ -172,6 +172,13 @@ pub const RULES: &[Rule] = &[
         check: rules::data::carried,
     },
     Rule {
+        name: "each-cycle",
+        claims: "process data come to a SubDevice, and are fetched, in each of its cycles",
+        needs: "the number of frames with its process data",
+        finds: "carried-seldom",
+        check: rules::data::each_cycle,
+    },
+    Rule {
         name: "own-address",
         claims: "no two SubDevices take the same logical bits",
         needs: "their FMMUs",

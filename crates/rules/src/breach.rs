@@ -72,6 +72,16 @@ kinds! {
             /// Whether they are outputs; else inputs.
             outputs: bool,
         },
+        /// Frames carry the process data of the SubDevice in a direction more seldom than they are
+        /// to be exchanged: in cycles between it acts on old outputs, or its inputs are old.
+        CarriedSeldom = "carried-seldom" {
+            /// Whether they are outputs; else inputs.
+            outputs: bool,
+            /// The time from one exchange to the next that was asked for.
+            wanted: Nanos,
+            /// The mean time from one to the next.
+            found: Nanos,
+        },
         /// Two SubDevices take the same logical bits: the outputs of one are those of the other, or
         /// one overwrites the inputs of the other.
         SharedAddress = "shared-address" {

@@ -31,6 +31,8 @@ pub struct DeviceClaims {
     pub in_phase: bool,
     /// Whether it has process data.
     pub has_data: bool,
+    /// The time from one exchange of its process data to the next.
+    pub cycle: Option<Nanos>,
     /// Whether its outputs, if it has some, are guarded by the process data watchdog.
     pub guarded: bool,
     /// The time of that watchdog.

@@ -57,6 +57,9 @@ pub struct DeviceEvidence {
     pub lengths: Option<[u32; 2]>,
     /// Whether outputs came to it, and whether inputs of it were fetched.
     pub exchanged: [Option<bool>; 2],
+    /// Mean time from one datagram that brings its outputs to the next, and from one that fetches
+    /// its inputs to the next.
+    pub carried_each: [Option<Nanos>; 2],
     /// Logical bits that it takes outputs from, and gives inputs to.
     pub logical: Option<[Vec<Range<u64>>; 2]>,
     /// Whether the process data watchdog guards its outputs.

@@ -50,6 +50,10 @@ impl Breach {
             Self::NotCarried { .. } => {
                 &["let an FMMU (0x0600) map the SyncManager to logical bytes that a datagram has"]
             }
+            Self::CarriedSeldom { .. } => &[
+                "send its process data in each of its cycles",
+                "let the file say how often they are to be exchanged (cycle of the SubDevice)",
+            ],
             Self::SharedAddress { .. } => &["give each FMMU logical bytes of its own"],
             Self::WatchdogOff => &[
                 "leave 0x0400 and 0x0420 as they are after power-on, or write a time of some cycles",
@@ -111,6 +115,10 @@ fn said(breach: &Breach) -> String {
         }
         Breach::NotCarried { outputs: false } => {
             "no frame fetches its inputs: look at its FMMU".into()
+        }
+        Breach::CarriedSeldom { outputs, wanted, found } => {
+            let what = if *outputs { "outputs come to it" } else { "its inputs are fetched" };
+            format!("{what} each {} only, and are to each {wanted}", time((*found).into()))
         }
         Breach::SharedAddress { with, outputs, logical } => {
             let what = if *outputs { "outputs" } else { "inputs" };

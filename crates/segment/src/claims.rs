@@ -54,6 +54,7 @@ impl Scenario {
             shift: self.shift.filter(|_| acts_on_sync0),
             in_phase: acts_on_sync0,
             has_data: has_data(&device.profile),
+            cycle: Some(own),
             guarded: self.watchdog != Some(Nanos::ZERO) && asks_for_watchdog(&device.profile),
             watchdog: self
                 .watchdog

@@ -52,8 +52,8 @@ pub struct Conduct {
     pub cycle: CycleConduct,
 }
 
-/// A logical datagram: its command as in the frame, and its address.
-type Logical = (u8, u32);
+/// A logical datagram: its command as in the frame, its address, and its length.
+type Logical = (u8, u32, u16);
 
 /// The rhythm of the cyclic exchange.
 #[derive(Clone, Debug, Default)]
@@ -63,7 +63,9 @@ pub struct CycleConduct {
     /// than the bus.
     marker: Option<Logical>,
     /// The first logical datagrams, each with its number.
-    logical: [(Logical, u64); 8],
+    logical: [(Logical, u64); 16],
+    /// Whether there were others.
+    left_out: bool,
     last: Option<Time<True>>,
     /// Time from one cycle to the next, ps.
     pub intervals: Statistics,
@@ -158,7 +160,8 @@ impl Conduct {
         match header.command() {
             Ok(Command::Lrw | Command::Lrd | Command::Lwr) => {
                 seen.process_data = true;
-                seen.cycle |= self.cycle.begins((header.command, header.address));
+                seen.cycle |=
+                    self.cycle.begins((header.command, header.address, data.len() as u16));
                 self.did(Deed::ProcessData, at);
             }
             Ok(Command::Frmw) if header.ado() == register::SYSTEM_TIME.address => {
@@ -263,14 +266,31 @@ impl CycleConduct {
     fn begins(&mut self, datagram: Logical) -> bool {
         let marker = *self.marker.get_or_insert(datagram);
         let is_its = |(other, count): &(Logical, u64)| *count == 0 || *other == datagram;
-        let Some(at) = self.logical.iter().position(is_its) else { return false };
+        let Some(at) = self.logical.iter().position(is_its) else {
+            self.left_out = true;
+            return false;
+        };
         self.logical[at] = (datagram, self.logical[at].1 + 1);
         let of_marker = self.logical.iter().find(|(other, _)| *other == marker);
         let of_marker = of_marker.map_or(0, |(_, count)| *count);
         if self.logical[at].1 > of_marker + of_marker / 2 + 8 {
-            *self = Self { marker: Some(datagram), logical: self.logical, ..Self::default() };
+            let (logical, left_out) = (self.logical, self.left_out);
+            *self = Self { marker: Some(datagram), logical, left_out, ..Self::default() };
         }
         self.marker == Some(datagram)
+    }
+
+    /// The number of cycles, and of datagrams with this logical bit whose command is one of these;
+    /// `None` if there were too many datagrams to tell.
+    pub fn carried(&self, bit: u64, commands: [Command; 2]) -> Option<[u64; 2]> {
+        let has = |&&((command, address, length), count): &&(Logical, u64)| {
+            let first = u64::from(address) * 8;
+            let works = commands.iter().any(|one| *one as u8 == command);
+            count > 0 && works && (first..first + u64::from(length) * 8).contains(&bit)
+        };
+        let of_marker = self.logical.iter().find(|(other, _)| Some(*other) == self.marker);
+        let carried = self.logical.iter().filter(has).map(|(_, count)| count).sum();
+        of_marker.filter(|_| !self.left_out).map(|(_, cycles)| [*cycles, carried])
     }
 
     /// Restarts at the start of operation; only the marker of a cycle is kept.

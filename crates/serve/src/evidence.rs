@@ -7,11 +7,11 @@ use isocat_rules::evidence::{DeviceEvidence, Evidence};
 use isocat_sim::Served;
 use isocat_sim::device::Device;
 use isocat_subdevice::description::ProcessDataArea;
-use isocat_wire::AlState;
 use isocat_wire::fmmu::Fmmu;
 use isocat_wire::register;
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::{Nanos, Picos, Time, True};
+use isocat_wire::{AlState, Command};
 
 use crate::conduct::Conduct;
 use crate::verdict::JudgedDevice;
@@ -97,6 +97,10 @@ fn device(served: &Served, conduct: &Conduct, at: usize, judged: &JudgedDevice) 
     let [output_bytes, input_bytes] =
         [&outputs, &inputs].map(|areas| areas.iter().map(|sm| u32::from(sm.length)).sum::<u32>());
     let [output_age, input_age] = &judged.ages;
+    let logical = [mapped(device, &outputs, Fmmu::WRITE), mapped(device, &inputs, Fmmu::READ)];
+    let commands = [[Command::Lrw, Command::Lwr], [Command::Lrw, Command::Lrd]];
+    let carried_each =
+        [0, 1].map(|towards| carried_each(conduct, &logical[towards], commands[towards]));
     DeviceEvidence {
         state: Some((judged.state, judged.code)),
         operated: judged.took_part,
@@ -111,7 +115,8 @@ fn device(served: &Served, conduct: &Conduct, at: usize, judged: &JudgedDevice) 
         }),
         lengths: Some([output_bytes, input_bytes]),
         exchanged: [output_age, input_age].map(|age| Some(age.count() > 0)),
-        logical: Some([mapped(device, &outputs, Fmmu::WRITE), mapped(device, &inputs, Fmmu::READ)]),
+        carried_each,
+        logical: Some(logical),
         guarded: Some(outputs.iter().all(|sm| {
             sm.control & SyncManager::CONTROL_WATCHDOG != 0
                 && esc.register(register::WATCHDOG_TIME_PROCESS_DATA) > 0
@@ -119,6 +124,21 @@ fn device(served: &Served, conduct: &Conduct, at: usize, judged: &JudgedDevice) 
         watchdog: Some(watchdog(device)),
         clock_set: Some(clock_set(judged.clock_before, clock(device))),
     }
+}
+
+/// Mean time from one datagram with these logical bits to the next, by their number against that of
+/// the cycles.
+fn carried_each(
+    conduct: &Conduct,
+    logical: &[Range<u64>],
+    commands: [Command; 2],
+) -> Option<Nanos> {
+    let cycle = mean_cycle(conduct)?;
+    let of = |bits: &Range<u64>| conduct.cycle.carried(bits.start, commands);
+    let [cycles, least] =
+        logical.iter().map(of).min_by_key(|found| found.map(|[_, count]| count))??;
+    let each = (i128::from(cycle.0) * i128::from(cycles)).checked_div(i128::from(least))?;
+    Some(Nanos(i64::try_from(each).unwrap_or(i64::MAX)))
 }
 
 /// The time of the process data watchdog: steps of some ticks of 40 ns.

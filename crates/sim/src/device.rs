@@ -335,9 +335,9 @@ impl Device {
         Tick { number, begin: self.oscillator.when(at), system }
     }
 
-    /// From now on its system time is told in 64 bits, though its counter may have 32: a grid goes on
-    /// where the counter begins again. `near` is about that time now, to 2.147 s; what lies beyond
-    /// the counter is taken from it.
+    /// From now on its system time is told in 64 bits, though its counter may have 32: a grid goes
+    /// on where the counter begins again. `near` is about that time now, to 2.147 s; what lies
+    /// beyond the counter is taken from it.
     pub(crate) fn count_on(&mut self, at: Time<True>, near: Time<Dc>) {
         if self.esc.register(register::FEATURES) & register::features::DC_64_BIT != 0 {
             return;

@@ -264,6 +264,12 @@ kinds! {
             /// Number of frames.
             frames: u64,
         },
+        /// Answers came, but so late that the MainDevice had given them up: the segment is not
+        /// what is slow.
+        AnswersLate = "answers-late" {
+            /// Number of frames.
+            frames: u64,
+        },
         /// The host's clock is not locked onto the reference clock at the end.
         HostNotLocked = "host-not-locked" {
             /// Whether it was locked and then received no more reference times.

@@ -191,6 +191,7 @@ struct Notes {
     working_counter: u64,
     skipped: u64,
     lost: u64,
+    late: u64,
     /// Changes of the segment.
     changes: Vec<Dated>,
     /// SubDevices that were lost or admitted.
@@ -281,7 +282,7 @@ fn run_for<T: Tap>(
 ) {
     let began = world.now();
     let end = began + duration;
-    let lost = world.main().statistics().frames_missed();
+    let before = world.main().statistics();
     let mut told = began;
     while world.step(end) {
         take_events(world, notes);
@@ -301,7 +302,10 @@ fn run_for<T: Tap>(
         let (segment, motion) = world.segment_and_application();
         plants.finish(segment, leader, motion.written(), end);
     }
-    notes.lost = world.main().statistics().frames_missed() - lost;
+    let after = world.main().statistics();
+    notes.late = after.frames_late - before.frames_late;
+    // A frame that was given up before may have come back since.
+    notes.lost = (after.frames_missed() - before.frames_missed()).saturating_sub(notes.late);
 }
 
 fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
@@ -451,6 +455,7 @@ impl<T: Tap> Outcome<T> {
             (notes.working_counter > 0).then_some(Judged::WorkingCounter { datagrams }),
             (notes.skipped > 0).then_some(Judged::CyclesSkipped { cycles: notes.skipped }),
             (notes.lost > 0).then_some(Judged::FramesLost { frames: notes.lost }),
+            (notes.late > 0).then_some(Judged::AnswersLate { frames: notes.late }),
         ];
         findings.extend(of_segment.into_iter().flatten().map(|kind| Dated {
             device: None,

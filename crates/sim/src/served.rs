@@ -80,13 +80,15 @@ impl Served {
     pub fn new(connections: Vec<Connection>, seed: u64, origin: Time<Host>) -> Self {
         let segment = Segment::new(connections, seed);
         let devices = segment.devices().len();
+        let mut samplings = segment.devices().iter().filter_map(crate::device::Device::sampling);
+        let oversamples = samplings.any(|sampling| !sampling.inputs.is_empty());
         Self {
             bench: Bench::new(devices),
             segment,
             origin,
             now: Time::ZERO,
             wire_free: [Time::ZERO; 2],
-            watcher: Watcher::for_served(),
+            watcher: Watcher::for_served(oversamples),
             passed: [(Time::ZERO, Time::ZERO, MainPort::Primary); KEPT],
             passed_next: 0,
             clashes: vec![0; devices],

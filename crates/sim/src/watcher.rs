@@ -43,9 +43,10 @@ impl Watcher {
     }
 
     /// Keeps the events that the judges of a served segment need: it does not follow the age of
-    /// inputs.
-    pub(crate) fn for_served() -> Self {
-        let keeps = JUDGED & !kind(Observed::Began(Step::LatchInputs));
+    /// inputs, but samples if one of its SubDevices `oversamples`.
+    pub(crate) fn for_served(oversamples: bool) -> Self {
+        let latches = kind(Observed::Began(Step::LatchInputs));
+        let keeps = if oversamples { JUDGED } else { JUDGED & !latches };
         Self { seen: Vec::with_capacity(1024), ..Self::keeping(keeps) }
     }
 
@@ -239,8 +240,9 @@ mod tests {
         let map = [Began(Step::MapOutputs), Began(Step::OutputsValid)];
         let state = State(AlState::Op, AlStatusCode::NO_ERROR);
         let others = [Finished(Step::MapOutputs), Sm2, SmEventMissed(1), state];
-        assert_eq!(kept(Watcher::for_served()), [&map[..], &others].concat());
+        assert_eq!(kept(Watcher::for_served(false)), [&map[..], &others].concat());
         let map = [&map[..], &[Began(Step::LatchInputs)]].concat();
+        assert_eq!(kept(Watcher::for_served(true)), [&map[..], &others].concat());
         assert_eq!(kept(Watcher::for_judges()), [state]);
         let mut timed = Watcher::for_judges();
         timed.keep_for_judges(true, 1);

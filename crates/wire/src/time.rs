@@ -95,8 +95,8 @@ impl Time<Dc> {
         if cycle == 0 { 0 } else { self.0 % cycle }
     }
 
-    /// The time nearest to this one whose lower half is `low`: what a clock of 32 bits shows, at most
-    /// 2.147 s before or after this time.
+    /// The time nearest to this one whose lower half is `low`: what a clock of 32 bits shows, at
+    /// most 2.147 s before or after this time.
     pub fn nearest(self, low: u32) -> Self {
         Self::new(self.0.wrapping_add_signed(i64::from(low.wrapping_sub(self.0 as u32) as i32)))
     }

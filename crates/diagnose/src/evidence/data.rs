@@ -8,6 +8,7 @@ use isocat_wire::time::Nanos;
 use isocat_wire::{Command, register};
 
 use super::is_set_up;
+use crate::cycle::Logical;
 use crate::device::Device;
 use crate::observer::Observer;
 
@@ -95,17 +96,44 @@ fn logical_bits_of(fmmu: &Fmmu, byte: u64) -> Option<Range<u64>> {
 
 /// Whether a datagram that came back has all these logical bits.
 fn are_carried(observer: &Observer, bits: &Range<u64>, kind: u8) -> bool {
+    observer.cycle.logical.iter().any(|logical| {
+        let came_back = logical.counts.iter().any(|(count, _)| *count > 0);
+        came_back && has(logical, bits, kind)
+    })
+}
+
+/// Whether a datagram has all these logical bits, and works with FMMUs of this kind.
+fn has(logical: &Logical, bits: &Range<u64>, kind: u8) -> bool {
     let commands = match kind {
         Fmmu::WRITE => [Command::Lrw, Command::Lwr],
         _ => [Command::Lrw, Command::Lrd],
     };
-    observer.cycle.logical.iter().any(|logical| {
-        let first = u64::from(logical.address) * 8;
-        let end = first + u64::from(logical.len) * 8;
-        let came_back = logical.counts.iter().any(|(count, _)| *count > 0);
-        let has_them = first <= bits.start && bits.end <= end;
-        came_back && commands.contains(&logical.command) && has_them
-    })
+    let first = u64::from(logical.address) * 8;
+    let end = first + u64::from(logical.len) * 8;
+    commands.contains(&logical.command) && first <= bits.start && bits.end <= end
+}
+
+/// Mean time from one datagram with the process data of a direction to the next, by their number
+/// against that of those that begin a `cycle`.
+pub(super) fn carried_each(
+    observer: &Observer,
+    device: &Device,
+    towards: usize,
+    cycle: Nanos,
+) -> Option<Nanos> {
+    let all = &observer.cycle;
+    let cycles = all.logical.get(all.marker?)?.recent;
+    if !is_set_up(device) || device.by_address || all.left_out > 0 {
+        return None;
+    }
+    let number = |bits: &Range<u64>| {
+        let carry = all.logical.iter().filter(|logical| has(logical, bits, KINDS[towards]));
+        carry.map(|logical| logical.recent).sum::<u64>()
+    };
+    let mapped = &mapped(device)[towards];
+    let least = mapped.iter().map(|bits| number(&(bits.start..bits.start + 1))).min();
+    let least = least.filter(|number| *number > 0)?;
+    Some(Nanos((i128::from(cycle.0) * i128::from(cycles) / i128::from(least)) as i64))
 }
 
 /// Whether the process data watchdog guards the outputs; it does so after power-on.

@@ -16,6 +16,7 @@ pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>
     if both_ways {
         lost(observer, all);
         silent(observer, all);
+        late(observer, all);
     }
     doubled(observer, all);
     skipped(observer, both_ways, all);
@@ -174,6 +175,23 @@ fn lost(observer: &Observer, all: &mut Vec<Finding>) {
     let kind = Kind::FramesLost { count };
     let more = frames.iter().map(|(frame, _)| *frame).take(MOST_FRAMES);
     all.push(Finding::new(kind, None, first).at(at).with(more).likely());
+}
+
+/// Finds answers that came when the next cycle had begun. What each answer takes is the segment's,
+/// and a MainDevice may have cycles that are shorter than that: half a cycle more is not.
+fn late(observer: &Observer, all: &mut Vec<Finding>) {
+    let cycle = &observer.cycle;
+    let (Some(cycle_ns), Some(least)) = (cycle.rhythm.median(), cycle.round_trip.shortest()) else {
+        return;
+    };
+    let most = least.value.saturating_add(cycle_ns / 2);
+    let late = cycle.overtaken.longest.iter().filter(|one| one.ns > most);
+    let Some(first) = late.clone().min_by_key(|one| one.frame) else { return };
+    let count = cycle.overtaken.longer_than(most).max(1);
+    let longest_ns = late.clone().map(|one| one.ns).max().unwrap_or(first.ns);
+    let kind = Kind::AnswersLate { count, longest_ns, cycle_ns };
+    let more = late.map(|one| one.frame).take(MOST_FRAMES);
+    all.push(Finding::new(kind, None, first.frame).at(first.at).with(more));
 }
 
 /// Finds frames that did not come back any more, to the end of the capture. The last ones may only

@@ -319,6 +319,9 @@ pub struct CycleReport {
     /// From one cycle to the next, by the reference clock, to its 10 ns; the stamps do not affect
     /// it.
     pub by_clock: Option<RhythmReport>,
+    /// From a frame to its answer, by the stamps of the capture: what the segment takes, and what
+    /// the machine takes on which they were made. Null: the capture does not have both directions.
+    pub round_trip: Option<RhythmReport>,
     /// The logical datagrams.
     pub transmissions: Vec<TransmissionReport>,
 }

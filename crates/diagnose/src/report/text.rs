@@ -318,6 +318,16 @@ impl DiagnoseReport {
                 paragraph(out, "  ", &self.rhythm(rhythm, by))?;
             }
         }
+        if let Some(took) = &cycle.round_trip {
+            let text = format!(
+                "answers came {} after their frame, 99 % below {}, the last {} ({})",
+                time(took.median_ns as f64),
+                time(took.most_99_ns as f64),
+                time(took.longest_ns.value as f64),
+                self.frame(took.longest_ns.frame)
+            );
+            paragraph(out, "  ", &text)?;
+        }
         for one in cycle.transmissions.iter().take(MOST_TRANSMISSIONS) {
             let usual = one.usual_working_counter.map_or("not seen".to_owned(), |n| n.to_string());
             let computed = match (one.usual_working_counter, one.computed_working_counter) {

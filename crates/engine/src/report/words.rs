@@ -173,6 +173,9 @@ fn judged(kind: &Judged, family: Family) -> String {
             }
         },
         Judged::FramesLost { frames } => format!("{frames} frames did not come back in time"),
+        Judged::AnswersLate { frames } => {
+            format!("{frames} answers came so late that they had been given up")
+        }
         Judged::HostNotLocked { holdover } => {
             let state = if *holdover { "hears nothing from" } else { "is not locked onto" };
             format!("the host {state} the reference clock")

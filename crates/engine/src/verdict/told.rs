@@ -134,12 +134,13 @@ impl Told {
     }
 
     /// Adds the results. `readings` are those of the SubDevices at the end, `errors` counts
-    /// datagrams with a wrong working counter.
+    /// datagrams with a wrong working counter, `late` the frames that came after they were given
+    /// up.
     pub fn end(
         self,
         main: &impl Witness,
         readings: &[Readings],
-        errors: u64,
+        (errors, late): (u64, u64),
         verdict: &mut Verdict,
     ) {
         for device in &main.segment().devices {
@@ -172,8 +173,13 @@ impl Told {
             let kind = Judged::CountChanged { expected, found };
             verdict.add(Place::SEGMENT, Some(since), kind);
         }
-        if let (frames @ 1.., since) = self.lost {
-            verdict.add(Place::SEGMENT, since, Judged::FramesLost { frames });
+        let (missed, since) = self.lost;
+        let late = late.min(missed);
+        if missed > late {
+            verdict.add(Place::SEGMENT, since, Judged::FramesLost { frames: missed - late });
+        }
+        if late > 0 {
+            verdict.add(Place::SEGMENT, since, Judged::AnswersLate { frames: late });
         }
         if errors > 0 {
             let kind = Judged::WorkingCounter { datagrams: errors };

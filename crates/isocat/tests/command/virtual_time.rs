@@ -106,6 +106,28 @@ fn files_of_the_field_are_written_while_it_runs() {
     assert_eq!((replayed["frames"].as_u64(), &replayed["agrees"]), (Some(frames), &true.into()));
 }
 
+/// A recorder sees more events than the judges need; what they say is the same. One drive follows
+/// its frames, which come late and then not at all for a while.
+#[test]
+fn recordings_never_change_the_verdict() {
+    let folder = Folder::new("recorded");
+    let faults = "[[fault]]\nwhat = \"stall for 5ms\"\nat = \"in-operation + 500ms\"\n";
+    let follows =
+        "[[subdevice]]\ndevice = \"model_every_mode\"\nmode = \"sm\"\nclock = \"-20ppm\"\n";
+    let segment = folder.segment(&format!("{faults}{follows}"));
+    let judged = |recording: &[&str]| {
+        let (summary, code) = supervised(recording, &segment)?;
+        Some((code, summary["sessions"].clone(), summary["program"]["wire_hash"].clone()))
+    };
+    let Some(plain) = judged(&[]) else { return };
+    let recordings =
+        [("--capture", "pcapng"), ("--waves", "vcd"), ("--trace", "perfetto"), ("--series", "csv")];
+    for (recording, extension) in recordings {
+        let to = folder.file(&format!("recorded.{extension}"));
+        assert_eq!(judged(&[recording, &to]), Some(plain.clone()), "{recording}");
+    }
+}
+
 #[test]
 fn a_series_has_the_figures_of_the_summary_one_by_one() {
     let folder = Folder::new("series");

@@ -73,6 +73,20 @@ fn frames_come_late() {
     assert!((50_000..70_000).contains(&least) && most < 70_000, "{least} {most}");
 }
 
+/// A late answer is no lost one: the cable is not what is bad.
+#[test]
+fn what_comes_late_is_not_called_lost() {
+    let found = |what: &str| {
+        let (_, report) = with(100, what);
+        let kinds = report.findings.iter().map(|finding| finding.kind.name());
+        kinds.filter(|kind| matches!(*kind, "frames-lost" | "answers-late")).collect::<Vec<_>>()
+    };
+    // The MainDevice gives a frame up after two cycles.
+    assert_eq!(found("delay 1900us 5%"), [""; 0]);
+    assert_eq!(found("delay 5ms 3"), ["answers-late"]);
+    assert_eq!(found("drop 3 back"), ["frames-lost"]);
+}
+
 #[test]
 fn frames_travel_twice() {
     // Before the segment: its devices see each of them twice.

@@ -267,6 +267,31 @@ fn a_tap_in_the_line() {
     assert!(position.contains(&Some(2)), "{position:?}");
 }
 
+/// Answers that reach the MainDevice late are told from such that are lost, and from such that are
+/// only slow.
+#[test]
+fn answers_that_come_in_the_next_cycle() {
+    let with = |what: &str| {
+        let text = format!(
+            "cycle = \"1ms\"\nfor = \"500ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\ncount = 2\n\
+             [[fault]]\nat = \"in-operation + 100ms\"\nwhat = \"{what} for 300ms\"\n"
+        );
+        diagnosed(&ran(SegmentFile::parse("late.toml", &text).expect("a segment file"), None).0)
+    };
+    let slow = with("delay 900us 5%");
+    assert_eq!(faults(&slow), [""; 0], "{}", slow.text());
+    let took = |report: &DiagnoseReport| report.cycle.clone()?.round_trip;
+    let longest = took(&slow).expect("both directions").longest_ns.value;
+    assert!((900_000..950_000).contains(&longest), "{longest}");
+    let late = with("delay 1100us 5%");
+    assert_eq!(faults(&late), ["answers-late"], "{}", late.text());
+    // The machine gives them up after two cycles, and the capture knows better.
+    let given_up = with("delay 5ms 5%");
+    assert_eq!(faults(&given_up), ["answers-late"], "{}", given_up.text());
+    let lost = with("loss 5%");
+    assert_eq!(faults(&lost)[0], "frames-lost", "{}", lost.text());
+}
+
 /// Kind of the first fault, and place of the device that it names.
 type First = Option<(&'static str, Option<usize>)>;
 

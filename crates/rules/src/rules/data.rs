@@ -40,6 +40,36 @@ pub(crate) fn carried(claims: &Claims, evidence: &Evidence, findings: &mut Findi
     }
 }
 
+pub(crate) fn each_cycle(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
+    // Where all frames come more seldom, that is said already.
+    let slower = match (claims.cycle, evidence.cycle) {
+        (Some(wanted), Some(found)) if found > wanted => (found.0, wanted.0),
+        _ => (1, 1),
+    };
+    for (at, claim, seen) in operating(claims, evidence) {
+        let Some(wanted) = claim.cycle else { continue };
+        let Some(lengths) = seen.lengths else {
+            findings.unknown(Some(at));
+            continue;
+        };
+        let most = i128::from(wanted.0) * i128::from(slower.0) * 5 / 4;
+        for direction in 0..2 {
+            match seen.carried_each[direction] {
+                // Where nothing is carried, that is said already.
+                _ if lengths[direction] == 0 || seen.exchanged[direction] != Some(true) => {}
+                None => findings.unknown(Some(at)),
+                Some(found) if i128::from(found.0) * i128::from(slower.1) <= most => {
+                    findings.kept();
+                }
+                Some(found) => {
+                    let outputs = direction == 0;
+                    findings.broken(Some(at), Breach::CarriedSeldom { outputs, wanted, found });
+                }
+            }
+        }
+    }
+}
+
 pub(crate) fn own_address(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
     for direction in 0..2 {
         let mut taken: alloc::vec::Vec<(Range<u64>, usize)> = alloc::vec::Vec::new();

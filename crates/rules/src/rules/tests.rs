@@ -24,6 +24,7 @@ fn claims() -> Claims {
         shift: Some(SHIFT),
         in_phase: true,
         has_data: true,
+        cycle: Some(CYCLE),
         guarded: true,
         watchdog: Some(Nanos::millis(100)),
     };
@@ -50,6 +51,7 @@ fn evidence() -> Evidence {
         frame_to_sync0: Some(Picos::from(SHIFT)),
         lengths: Some([6, 6]),
         exchanged: [Some(true); 2],
+        carried_each: [Some(CYCLE); 2],
         logical: Some([one(at..at + 48), one(at..at + 48)]),
         guarded: Some(true),
         watchdog: Some(Nanos::millis(100)),
@@ -96,9 +98,9 @@ fn a_segment_as_it_was_meant_keeps_every_claim() {
     let ruling = with(|_| {});
     assert_eq!((ruling.breached, ruling.unchecked), (vec![], vec![]));
     // Three states, two modes, two starts, two cycles, two shifts, one pair in phase, cycle, phase
-    // and sender of the frames, time, three times data, five directions, five ranges, two
-    // watchdogs and their times, three clocks that are kept.
-    assert_eq!(ruling.checked, 3 + 2 + 2 + 2 + 2 + 1 + 3 + 1 + 3 + 5 + 5 + 2 + 2 + 3);
+    // and sender of the frames, time, three times data, five directions, those of two drives in
+    // each cycle, five ranges, two watchdogs and their times, three clocks that are kept.
+    assert_eq!(ruling.checked, 3 + 2 + 2 + 2 + 2 + 1 + 3 + 1 + 3 + 5 + 4 + 5 + 2 + 2 + 3);
 }
 
 #[test]
@@ -331,6 +333,28 @@ fn a_device_has_its_process_data() {
 fn process_data_are_carried() {
     let lost = |evidence: &mut Evidence| evidence.devices[1].exchanged[1] = Some(false);
     assert_eq!(breaches(lost), of(1, Breach::NotCarried { outputs: false }));
+}
+
+#[test]
+fn process_data_are_carried_in_each_cycle() {
+    let each = |found: i64, bus: i64| {
+        breaches(|evidence| {
+            evidence.devices[1].carried_each[0] = Some(Nanos(found));
+            evidence.cycle = Some(Nanos(bus));
+        })
+    };
+    let most = CYCLE.0 * 5 / 4;
+    assert_eq!((each(most, CYCLE.0), each(CYCLE.0 / 2, CYCLE.0)), (vec![], vec![]));
+    let breach =
+        |found| Breach::CarriedSeldom { outputs: true, wanted: CYCLE, found: Nanos(found) };
+    for found in [most + 1, 2 * CYCLE.0] {
+        assert_eq!(each(found, CYCLE.0), of(1, breach(found)));
+    }
+    // If all frames come each 8 ms, that is one mistake; each 16 ms is another one.
+    let twice = 2 * CYCLE.0;
+    let other = of(None, Breach::OtherCycle { wanted: CYCLE, found: Nanos(twice) });
+    assert_eq!(each(twice, twice), other);
+    assert_eq!(each(2 * twice, twice), [other, of(1, breach(2 * twice))].concat());
 }
 
 #[test]

@@ -75,6 +75,15 @@ fn another_cycle_is_told() {
 }
 
 #[test]
+fn process_data_in_every_other_cycle_are_told() {
+    let mut works_by = scenario("");
+    works_by.devices[2].cycle = Some(Nanos::millis(2));
+    let [outputs, inputs] = [(Some(2), "carried-seldom"); 2];
+    assert_eq!(found(&scenario(""), &works_by), [outputs, inputs]);
+    assert_eq!(found(&works_by, &works_by), []);
+}
+
+#[test]
 fn clocks_that_nothing_leads_are_told() {
     let mut works_by = scenario("");
     works_by.drift_compensation = false;

@@ -122,6 +122,9 @@ impl Grids {
         use inputs_cycle::{Bound, FrameBound};
         match chain.mode {
             SyncMode::FreeRun => Bound::Free,
+            // Whose frames are not known to come in a grid, as at a served segment, has inputs of
+            // any age: there the beginning of their step is seen only if somebody records it.
+            SyncMode::SmSynchronous if self.exchange.is_none() => Bound::Free,
             SyncMode::SmSynchronous => {
                 Bound::Frame(FrameBound::new(self.cycle.into(), self.inputs_shifted))
             }

@@ -183,7 +183,13 @@ impl DiagnoseReport {
                 (VerdictKind::InSync, sentence)
             }
             (None, 0, _) => {
-                let sentence = "No fault was found; whether devices were in sync is not known.";
+                // In the order in which the others follow from it.
+                let why = self.unknown.iter().find(|what| *what != unknown::CABLES);
+                let why = why.map_or(String::new(), |what| {
+                    format!(": the capture does not show {}", what.trim_end_matches('.'))
+                });
+                let sentence =
+                    format!("No fault was found; whether devices were in sync is not known{why}.");
                 (VerdictKind::NothingFound, sentence.to_owned())
             }
         };

@@ -190,8 +190,9 @@ impl Dated {
 struct Notes {
     working_counter: u64,
     skipped: u64,
-    lost: u64,
-    late: u64,
+    /// Frames that were given up in the judged time, and those that had come late before it.
+    missed: u64,
+    late_before: u64,
     /// Changes of the segment.
     changes: Vec<Dated>,
     /// SubDevices that were lost or admitted.
@@ -302,10 +303,8 @@ fn run_for<T: Tap>(
         let (segment, motion) = world.segment_and_application();
         plants.finish(segment, leader, motion.written(), end);
     }
-    let after = world.main().statistics();
-    notes.late = after.frames_late - before.frames_late;
-    // A frame that was given up before may have come back since.
-    notes.lost = (after.frames_missed() - before.frames_missed()).saturating_sub(notes.late);
+    notes.missed = world.main().statistics().frames_missed() - before.frames_missed();
+    notes.late_before = before.frames_late;
 }
 
 fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
@@ -450,12 +449,16 @@ impl<T: Tap> Outcome<T> {
             }
         }
         findings.extend(notes.changes.iter().cloned());
-        let datagrams = self.world.main().statistics().working_counter_errors;
+        let statistics = self.world.main().statistics();
+        let datagrams = statistics.working_counter_errors;
+        // Some come when the counters are read, behind the judged time.
+        let late = (statistics.frames_late - notes.late_before).min(notes.missed);
+        let lost = notes.missed - late;
         let of_segment = [
             (notes.working_counter > 0).then_some(Judged::WorkingCounter { datagrams }),
             (notes.skipped > 0).then_some(Judged::CyclesSkipped { cycles: notes.skipped }),
-            (notes.lost > 0).then_some(Judged::FramesLost { frames: notes.lost }),
-            (notes.late > 0).then_some(Judged::AnswersLate { frames: notes.late }),
+            (lost > 0).then_some(Judged::FramesLost { frames: lost }),
+            (late > 0).then_some(Judged::AnswersLate { frames: late }),
         ];
         findings.extend(of_segment.into_iter().flatten().map(|kind| Dated {
             device: None,

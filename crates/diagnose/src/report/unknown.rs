@@ -3,6 +3,9 @@
 
 use super::{DiagnoseReport, SeenKind};
 
+/// What leaves nothing else unknown.
+pub(super) const CABLES: &str = "errors on cables: no error counter (0x0300 to 0x0313) was read";
+
 /// One sentence for each thing that the capture does not show and a verdict needs.
 pub(super) fn unknown(report: &DiagnoseReport, answers: bool) -> Vec<String> {
     let mut all: Vec<&str> = Vec::new();
@@ -48,7 +51,7 @@ pub(super) fn unknown(report: &DiagnoseReport, answers: bool) -> Vec<String> {
         all.push("where frames lie against SYNC0 of some devices: their start time, cycle or delay is not in the capture, or their process data do not go in the frame that begins each cycle");
     }
     if answers && !devices.is_empty() && devices.iter().all(|device| device.error_readings == 0) {
-        all.push("errors on cables: no error counter (0x0300 to 0x0313) was read");
+        all.push(CABLES);
     }
     if sync && devices.iter().all(|device| device.differences == 0) {
         all.push("how far clocks were apart: 0x092C was not read");

@@ -172,7 +172,11 @@ fn judged(kind: &Judged, family: Family) -> String {
                 format!("{cycles} skipped: the machine woke too late, no frame left in them")
             }
         },
+        Judged::FramesLost { frames: 1 } => "1 frame did not come back in time".into(),
         Judged::FramesLost { frames } => format!("{frames} frames did not come back in time"),
+        Judged::AnswersLate { frames: 1 } => {
+            "1 answer came so late that it had been given up".into()
+        }
         Judged::AnswersLate { frames } => {
             format!("{frames} answers came so late that they had been given up")
         }

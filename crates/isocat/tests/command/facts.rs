@@ -342,3 +342,21 @@ fn each_path_that_a_page_names_is_there() {
     assert!(found > 50, "{found} paths were found");
     assert!(gone.is_empty(), "these are not there:\n{}", gone.join("\n"));
 }
+
+/// docs/ci.md has each step of `.ci/run`, by its name, and no other one.
+#[test]
+fn the_steps_of_ci_are_those_of_its_page() {
+    let script = page(".ci/run");
+    let named = script.lines().filter(|line| !line.trim_start().starts_with('#'));
+    let named = named.filter_map(|line| line.split_once("step \"")?.1.split_once('"'));
+    let steps: BTreeSet<&str> = named.map(|(name, _)| name).collect();
+    let table = page("docs/ci.md");
+    let (_, table) = table.split_once("<!-- steps -->").expect("the table");
+    let rows = table.lines().skip(3).filter_map(|line| line.strip_prefix("| ")?.split_once(" | "));
+    let rows: Vec<&str> = rows
+        .map(|(name, _)| name.trim_end_matches(" (second row)").trim_end_matches(" (`--all` only)"))
+        .collect();
+    assert!(steps.len() > 40, "{steps:?}");
+    assert_eq!(rows.iter().copied().collect::<BTreeSet<_>>(), steps);
+    assert_eq!(rows.len(), steps.len(), "a row more than once");
+}

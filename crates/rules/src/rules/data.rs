@@ -53,8 +53,8 @@ pub(crate) fn each_cycle(claims: &Claims, evidence: &Evidence, findings: &mut Fi
             continue;
         };
         let most = i128::from(wanted.0) * i128::from(slower.0) * 5 / 4;
-        for direction in 0..2 {
-            match seen.carried_each[direction] {
+        for (direction, carried_each) in seen.carried_each.into_iter().enumerate() {
+            match carried_each {
                 // Where nothing is carried, that is said already.
                 _ if lengths[direction] == 0 || seen.exchanged[direction] != Some(true) => {}
                 None => findings.unknown(Some(at)),

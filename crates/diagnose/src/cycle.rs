@@ -290,11 +290,19 @@ impl Cycle {
         }
     }
 
+    /// Another stretch of operation begins: counts how often each datagram comes anew.
+    pub fn recount(&mut self) {
+        self.logical.iter_mut().for_each(|logical| logical.recent = 0);
+    }
+
     /// Forgets the events so far. The usual working counter stays known, with a limited weight, so
     /// that another one may become usual.
     pub fn forget(&mut self) {
         self.rhythm = Rhythm::default();
         self.by_clock = Rhythm::default();
+        self.round_trip = Rhythm::default();
+        self.overtaken = Rhythm::default();
+        self.answer = None;
         for logical in &mut self.logical {
             let usual = logical.usual();
             logical.counts.retain(|count, _| Some(*count) == usual);

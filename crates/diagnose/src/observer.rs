@@ -455,6 +455,7 @@ impl Observer {
         }
         if !self.operating && operates {
             self.stretch = Some(Known { value: at, frame });
+            self.cycle.recount();
             self.devices.list.iter_mut().for_each(|device| device.sync.entered_operation());
         }
         if self.operating && !operates {

@@ -224,7 +224,7 @@ impl Engine {
             verdict.doubt(Place::SEGMENT, Gap::ReturnedLate { frames: behind });
         }
         let errors = last.working_counter_errors - self.first.working_counter_errors;
-        let late = last.frames_late - self.first.frames_late;
+        let late = last.cyclic_late - self.first.cyclic_late;
         self.told.end(main, readings, (errors, late), &mut verdict);
         if main.segment().reference.is_some() && main.phase() != Some(phase::State::Locked) {
             let holdover = main.phase() == Some(phase::State::Holdover);

@@ -506,6 +506,7 @@ fn count_unexpected(shared: &mut Shared, cycle: &mut Option<CyclicExchange>, ind
     if was_given_up {
         statistics.frames_lost -= 1;
         statistics.frames_late += 1;
+        statistics.cyclic_late += u64::from(index.is_some_and(|index| index >= CYCLIC_INDEX));
     } else {
         statistics.frames_unexpected += 1;
     }

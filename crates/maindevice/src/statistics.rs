@@ -15,6 +15,8 @@ pub struct Statistics {
     pub frames_lost: u64,
     /// Frames that came back after they had been given up.
     pub frames_late: u64,
+    /// Those of them that belonged to a cycle.
+    pub cyclic_late: u64,
     /// Cyclic frames that came back when the next cycle had begun. The host may have held them up
     /// before they left, so that outputs came a cycle late; or the wire after that.
     pub frames_behind: u64,

@@ -61,7 +61,7 @@ pub struct CycleConduct {
     /// Logical datagram that marks the start of a cycle, by command and address: the first one that
     /// was exchanged, unless another one is far more frequent, as beside that of devices slower
     /// than the bus.
-    marker: Option<Logical>,
+    marker: Option<(u8, u32)>,
     /// The first logical datagrams, each with its number.
     logical: [(Logical, u64); 16],
     /// Whether there were others.
@@ -264,20 +264,33 @@ impl CycleConduct {
 
     /// Counts a logical datagram; returns whether it marks the start of a cycle.
     fn begins(&mut self, datagram: Logical) -> bool {
-        let marker = *self.marker.get_or_insert(datagram);
+        // One that is longer in some cycles is the same.
+        let (command, address, _) = datagram;
+        let marker = *self.marker.get_or_insert((command, address));
         let is_its = |(other, count): &(Logical, u64)| *count == 0 || *other == datagram;
         let Some(at) = self.logical.iter().position(is_its) else {
             self.left_out = true;
             return false;
         };
         self.logical[at] = (datagram, self.logical[at].1 + 1);
-        let of_marker = self.logical.iter().find(|(other, _)| *other == marker);
-        let of_marker = of_marker.map_or(0, |(_, count)| *count);
-        if self.logical[at].1 > of_marker + of_marker / 2 + 8 {
-            let (logical, left_out) = (self.logical, self.left_out);
-            *self = Self { marker: Some(datagram), logical, left_out, ..Self::default() };
+        if marker == (command, address) {
+            return true;
         }
-        self.marker == Some(datagram)
+        let of_marker = self.number_of(marker);
+        let is_far_more_frequent =
+            self.number_of((command, address)) > of_marker + of_marker / 2 + 8;
+        if is_far_more_frequent {
+            let (logical, left_out) = (self.logical, self.left_out);
+            let marker = Some((command, address));
+            *self = Self { marker, logical, left_out, ..Self::default() };
+        }
+        is_far_more_frequent
+    }
+
+    /// The number of datagrams with this command and address, of any length.
+    fn number_of(&self, (command, address): (u8, u32)) -> u64 {
+        let its = |((one, other, _), _): &&(Logical, u64)| (*one, *other) == (command, address);
+        self.logical.iter().filter(its).map(|(_, count)| count).sum()
     }
 
     /// The number of cycles, and of datagrams with this logical bit whose command is one of these;
@@ -288,9 +301,9 @@ impl CycleConduct {
             let works = commands.iter().any(|one| *one as u8 == command);
             count > 0 && works && (first..first + u64::from(length) * 8).contains(&bit)
         };
-        let of_marker = self.logical.iter().find(|(other, _)| Some(*other) == self.marker);
         let carried = self.logical.iter().filter(has).map(|(_, count)| count).sum();
-        of_marker.filter(|_| !self.left_out).map(|(_, cycles)| [*cycles, carried])
+        let cycles = self.number_of(self.marker?);
+        (!self.left_out).then_some([cycles, carried])
     }
 
     /// Restarts at the start of operation; only the marker of a cycle is kept.
@@ -336,4 +349,36 @@ fn requested(deed: Deed) -> Option<AlState> {
 
 fn lower(one: AlState, other: AlState) -> AlState {
     if (one as u8) < other as u8 { one } else { other }
+}
+
+#[cfg(test)]
+mod tests {
+    use isocat_wire::datagram::Address;
+    use isocat_wire::frame::FrameWriter;
+
+    use super::*;
+
+    /// Two groups in one datagram, which leaves the slower one out in every other cycle: its frames
+    /// come in each cycle, and it is carried in every other one.
+    #[test]
+    fn a_datagram_of_another_length_begins_a_cycle_too() {
+        let mut conduct = Conduct::new(Time::ZERO);
+        for cycle in 0..100_u64 {
+            let mut buffer = [0; 128];
+            let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);
+            let length = if cycle.is_multiple_of(2) { 20 } else { 10 };
+            let data = vec![0; length];
+            writer.push(Command::Lrw, 0, Address::Logical(0x100), &data).expect("room");
+            let length = writer.finish();
+            conduct.frame(Time::new(cycle * 1_000_000_000), [0x10; 6], &buffer[..length]);
+        }
+        assert_eq!((conduct.cycle.count(), conduct.cycle.intervals.mean()), (99, 1e9));
+        let carried =
+            |byte: u64| conduct.cycle.carried((0x100 + byte) * 8, [Command::Lrw, Command::Lwr]);
+        assert_eq!(carried(9), Some([100, 100]));
+        assert_eq!((carried(10), carried(19)), (Some([100, 50]), Some([100, 50])));
+        assert_eq!(carried(20), Some([100, 0]));
+        let inputs = conduct.cycle.carried(0x100 * 8, [Command::Lrd, Command::Lrd]);
+        assert_eq!(inputs, Some([100, 0]), "another command");
+    }
 }

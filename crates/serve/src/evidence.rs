@@ -137,8 +137,9 @@ fn carried_each(
     let of = |bits: &Range<u64>| conduct.cycle.carried(bits.start, commands);
     let [cycles, least] =
         logical.iter().map(of).min_by_key(|found| found.map(|[_, count]| count))??;
-    let each = (i128::from(cycle.0) * i128::from(cycles)).checked_div(i128::from(least))?;
-    Some(Nanos(i64::try_from(each).unwrap_or(i64::MAX)))
+    // The stretch may end just before the next one.
+    let each = i128::from(cycle.0) * i128::from(cycles) / (i128::from(least) + 1);
+    (least > 0).then(|| Nanos(i64::try_from(each).unwrap_or(i64::MAX)))
 }
 
 /// The time of the process data watchdog: steps of some ticks of 40 ns.

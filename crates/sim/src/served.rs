@@ -13,13 +13,14 @@ use isocat_wire::time::{Dc, Host, Nanos, Picos, Time, True};
 use isocat_wire::{frame, register};
 
 use crate::bench::{Bench, Intent, Measured};
-use crate::device::DeviceSetup;
+use crate::device::{Device, DeviceSetup};
 use crate::disturbance::BitError;
 use crate::fault::frames::FrameFaults;
 use crate::fault::happen::Scene;
 use crate::fault::{Fault, Happened, Timeline};
 use crate::judge::Grid;
 use crate::observation::{Observation, Observed};
+use crate::sampling::Sampling;
 use crate::segment::{Closing, Connection, Lost, Returned, Segment};
 use crate::watcher::Watcher;
 use crate::wiring::{End, Hop, MainPort};
@@ -80,15 +81,17 @@ impl Served {
     pub fn new(connections: Vec<Connection>, seed: u64, origin: Time<Host>) -> Self {
         let segment = Segment::new(connections, seed);
         let devices = segment.devices().len();
-        let mut samplings = segment.devices().iter().filter_map(crate::device::Device::sampling);
-        let oversamples = samplings.any(|sampling| !sampling.inputs.is_empty());
+        let mut watcher = Watcher::for_served();
+        if segment.devices().iter().any(|device| samples_inputs(device.sampling())) {
+            watcher.keep_samples();
+        }
         Self {
             bench: Bench::new(devices),
             segment,
             origin,
             now: Time::ZERO,
             wire_free: [Time::ZERO; 2],
-            watcher: Watcher::for_served(oversamples),
+            watcher,
             passed: [(Time::ZERO, Time::ZERO, MainPort::Primary); KEPT],
             passed_next: 0,
             clashes: vec![0; devices],
@@ -101,6 +104,9 @@ impl Served {
     /// Adds planned faults. Faults of a host have no effect here: the news report them at their
     /// instants, for programs that simulate the MainDevice's host.
     pub fn with_faults(mut self, timeline: Timeline) -> Self {
+        if timeline.spares().any(|spare| samples_inputs(spare.sampling.as_ref())) {
+            self.watcher.keep_samples();
+        }
         self.timeline = timeline;
         self
     }
@@ -129,6 +135,9 @@ impl Served {
         lasts: Option<Nanos>,
         spare: Option<DeviceSetup>,
     ) {
+        if spare.as_ref().is_some_and(|spare| samples_inputs(spare.sampling.as_ref())) {
+            self.watcher.keep_samples();
+        }
         let fault = match (fault, spare) {
             (Fault::Replace { device, takes, .. }, Some(setup)) => {
                 Fault::Replace { device, takes, spare: self.timeline.add_spare(setup) }
@@ -302,6 +311,11 @@ impl Served {
     ) {
         let device = &self.segment.devices()[reference];
         let reference_time = device.esc.system_time(device.oscillator().read(self.now));
+        // A clock of 32 bits tells the lower half.
+        let whole = |device: &Device, told: u64| -> Time<Dc> {
+            let wide = device.esc.register(register::FEATURES) & register::features::DC_64_BIT != 0;
+            if wide { Time::new(told) } else { reference_time.nearest(told as u32) }
+        };
         let sync0 = self.segment.devices().iter().map(|device| {
             let esc = &device.esc;
             let cycle = esc.register(register::SYNC0_CYCLE);
@@ -310,12 +324,8 @@ impl Served {
             if !esc.sync_active() || cycle == 0 || !in_op {
                 return None;
             }
-            let wide = esc.register(register::FEATURES) & register::features::DC_64_BIT != 0;
-            let next = if wide { Time::new(next) } else { reference_time.nearest(next as u32) };
-            Some(Grid {
-                cycle: Nanos::from_u32(cycle),
-                phase: Nanos(next.phase(cycle.into()) as i64),
-            })
+            let phase = Nanos(whole(device, next).phase(cycle.into()) as i64);
+            Some(Grid { cycle: Nanos::from_u32(cycle), phase })
         });
         let sync0: Vec<Option<Grid>> = sync0.collect();
         let acting = self.segment.devices().iter().zip(&sync0).map(|(device, grid)| {
@@ -327,9 +337,9 @@ impl Served {
             // SYNC1 follows the first SYNC0 after the last SYNC1 by its distance.
             let distance = i64::from(device.esc.register(register::SYNC1_CYCLE));
             let cycles = distance.checked_div(grid.cycle.0).unwrap_or(0) + 1;
-            let next = device.esc.register(register::SYNC1_NEXT);
+            let next = whole(device, device.esc.register(register::SYNC1_NEXT));
             let cycle = Nanos(grid.cycle.0 * cycles);
-            Some(Grid { cycle, phase: Nanos(Time::<Dc>::new(next).phase(cycle.0 as u64) as i64) })
+            Some(Grid { cycle, phase: Nanos(next.phase(cycle.0 as u64) as i64) })
         });
         let acting = acting.collect();
         self.segment.device_mut(reference).count_on(self.now, reference_time);
@@ -391,4 +401,9 @@ impl Served {
         };
         self.clashes[edge.device] += u64::from(self.passed.iter().any(meets));
     }
+}
+
+/// Whether a SubDevice oversamples inputs.
+fn samples_inputs(sampling: Option<&Sampling>) -> bool {
+    sampling.is_some_and(|sampling| !sampling.inputs.is_empty())
 }

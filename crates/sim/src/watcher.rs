@@ -43,11 +43,15 @@ impl Watcher {
     }
 
     /// Keeps the events that the judges of a served segment need: it does not follow the age of
-    /// inputs, but samples if one of its SubDevices `oversamples`.
-    pub(crate) fn for_served(oversamples: bool) -> Self {
-        let latches = kind(Observed::Began(Step::LatchInputs));
-        let keeps = if oversamples { JUDGED } else { JUDGED & !latches };
+    /// inputs.
+    pub(crate) fn for_served() -> Self {
+        let keeps = JUDGED & !kind(Observed::Began(Step::LatchInputs));
         Self { seen: Vec::with_capacity(1024), ..Self::keeping(keeps) }
+    }
+
+    /// From now on keeps what tells samples of inputs, too.
+    pub(crate) fn keep_samples(&mut self) {
+        self.keeps |= kind(Observed::Began(Step::LatchInputs));
     }
 
     /// From now on keeps all events.
@@ -240,9 +244,11 @@ mod tests {
         let map = [Began(Step::MapOutputs), Began(Step::OutputsValid)];
         let state = State(AlState::Op, AlStatusCode::NO_ERROR);
         let others = [Finished(Step::MapOutputs), Sm2, SmEventMissed(1), state];
-        assert_eq!(kept(Watcher::for_served(false)), [&map[..], &others].concat());
+        assert_eq!(kept(Watcher::for_served()), [&map[..], &others].concat());
         let map = [&map[..], &[Began(Step::LatchInputs)]].concat();
-        assert_eq!(kept(Watcher::for_served(true)), [&map[..], &others].concat());
+        let mut sampling = Watcher::for_served();
+        sampling.keep_samples();
+        assert_eq!(kept(sampling), [&map[..], &others].concat());
         assert_eq!(kept(Watcher::for_judges()), [state]);
         let mut timed = Watcher::for_judges();
         timed.keep_for_judges(true, 1);

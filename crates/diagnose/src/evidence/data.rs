@@ -5,7 +5,7 @@ use std::ops::Range;
 use isocat_wire::fmmu::Fmmu;
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
-use isocat_wire::{Command, register};
+use isocat_wire::{AlState, Command, register};
 
 use super::is_set_up;
 use crate::cycle::Logical;
@@ -122,6 +122,13 @@ pub(super) fn carried_each(
     cycle: Nanos,
 ) -> Option<Nanos> {
     let all = &observer.cycle;
+    // One that was asked to leave OP a while ago needs nothing any more.
+    let leaves = device.states.asked.is_some_and(|asked| asked.value.state() != Ok(AlState::Op));
+    let asked = device.states.requests.kept.last().map_or(observer.now, |last| last.at);
+    let ago = observer.now.saturating_sub(asked).as_nanos();
+    if leaves && ago > 10 * u128::from(cycle.0.unsigned_abs()) {
+        return None;
+    }
     let cycles = all.logical.get(all.marker?)?.recent;
     if !is_set_up(device) || device.by_address || all.left_out > 0 {
         return None;
@@ -133,7 +140,9 @@ pub(super) fn carried_each(
     let mapped = &mapped(device)[towards];
     let least = mapped.iter().map(|bits| number(&(bits.start..bits.start + 1))).min();
     let least = least.filter(|number| *number > 0)?;
-    Some(Nanos((i128::from(cycle.0) * i128::from(cycles) / i128::from(least)) as i64))
+    // The stretch may end just before the next one.
+    let each = i128::from(cycle.0) * i128::from(cycles) / (i128::from(least) + 1);
+    Some(Nanos(i64::try_from(each).unwrap_or(i64::MAX)))
 }
 
 /// Whether the process data watchdog guards the outputs; it does so after power-on.

@@ -134,8 +134,8 @@ impl Told {
     }
 
     /// Adds the results. `readings` are those of the SubDevices at the end, `errors` counts
-    /// datagrams with a wrong working counter, `late` the frames that came after they were given
-    /// up.
+    /// datagrams with a wrong working counter, `late` the frames of cycles that came after
+    /// they were given up.
     pub fn end(
         self,
         main: &impl Witness,

@@ -176,6 +176,7 @@ fn an_answer_cycles_late_is_not_taken_for_that_of_another_cycle() {
     assert!((45..=51).contains(&after.frames_late), "{after:?}");
     assert!(after.frames_lost <= 1, "{after:?}");
     assert_eq!(after.frames_missed(), after.frames_late + after.frames_lost);
+    assert_eq!(after.cyclic_late, after.frames_late);
     let all = after.frames_received + after.frames_missed() + bench.main.frames_in_flight() as u64;
     assert_eq!(after.frames_sent, all);
     assert_eq!(after.frames_unexpected, 0);

@@ -166,6 +166,11 @@ impl Timeline {
         std::mem::take(&mut self.news)
     }
 
+    /// The SubDevices that may replace others and have not yet.
+    pub(crate) fn spares(&self) -> impl Iterator<Item = &DeviceSetup> {
+        self.spares.iter().flatten()
+    }
+
     /// Adds a SubDevice that may replace another; returns its number.
     pub fn add_spare(&mut self, setup: DeviceSetup) -> usize {
         self.spares.push(Some(setup));

@@ -27,9 +27,12 @@ case ${1:-} in
 esac
 folder=$(mktemp -d)
 chmod 755 "$folder"
-helpers=()
+helpers=() sessions=()
 finish() {
   [ ${#helpers[@]} -eq 0 ] || kill "${helpers[@]}" 2>/dev/null || true
+  # What stands still would stay for ever if this ends before it.
+  local session
+  for session in "${sessions[@]}"; do pkill -KILL --session "$session" || true; done
   wait 2>/dev/null || true
   rm -rf "$folder"
 }
@@ -74,6 +77,7 @@ stalls() {
   local code=0
   setsid "$@" &
   local session=$!
+  sessions+=("$session")
   (
     while kill -0 $session 2>/dev/null; do
       sleep $((RANDOM % 15 + 3)).$((RANDOM % 10))

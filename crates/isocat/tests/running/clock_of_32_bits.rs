@@ -37,8 +37,8 @@ fn run(cycle: &str, chips: &[&str]) -> Report {
     Report::new(&scenario, &outcome)
 }
 
-/// No cycle of these divides 2^32 ns, so a grid that began anew with the counter would lie
-/// elsewhere.
+/// 2^32 ns is a whole number of none of these cycles. If the grid started from zero again when the
+/// counter wraps, SYNC0 would be off it.
 #[test]
 fn a_run_goes_on_past_the_end_of_the_counter() {
     const NARROW: &str = "IP_CORE_32";

@@ -44,6 +44,9 @@ pub(crate) struct Drift {
     pub gap: Option<Known<Duration>>,
     /// Drift frames since [`restart`](Self::restart).
     pub recent: u64,
+    /// By how much the stamps' time from one drift frame to the next differed most from the
+    /// reference's, ns.
+    stamps_off: u64,
     /// Working counters of drift frames (clocks that took the time), each with the first frame that
     /// had it.
     clocks: Vec<Known<u16>>,
@@ -71,6 +74,11 @@ impl Drift {
         if let Some(last) = self.last {
             let by_stamps = at.saturating_sub(last.value);
             let by_clock = self.led.zip(time).map(|(led, time)| time.saturating_sub(led));
+            if let Some(by_clock) = by_clock.filter(|ns| *ns <= ESTIMATED.as_nanos() as u64) {
+                let off = (at.as_nanos() as i128 - last.value.as_nanos() as i128)
+                    .abs_diff(i128::from(by_clock));
+                self.stamps_off = self.stamps_off.max(u64::try_from(off).unwrap_or(u64::MAX));
+            }
             let gap = by_clock.map_or(by_stamps, |ns| by_stamps.min(Duration::from_nanos(ns)));
             if self.recent > 0 && self.gap.is_none_or(|longest| gap > longest.value) {
                 self.gap = Some(Known { value: gap, frame });
@@ -131,6 +139,22 @@ impl Drift {
         None
     }
 
+    /// How inaccurate stamps are within some milliseconds, ns. `None`: too inaccurate to tell the
+    /// reference's time by them, or not known.
+    pub fn stamps_within(&self) -> Option<u64> {
+        let known = self.count > 1 && self.stamps_off <= MOST_OFF_NS;
+        known.then_some(self.stamps_off)
+    }
+
+    /// The reference's system time at an instant of the stamps, by the last reading and what passed
+    /// since; `None`: that is too long ago, or stamps jumped or are too inaccurate.
+    pub fn estimate(&self, at: Duration) -> Option<u64> {
+        self.stamps_within()?;
+        let (known, then) = self.time?;
+        let since = at.checked_sub(then).filter(|since| *since <= ESTIMATED)?;
+        Some(known.value.wrapping_add(since.as_nanos() as u64))
+    }
+
     /// The time with all its bits. A 32-bit time takes the upper half that brings it nearest to the
     /// time read before.
     fn extended(&self, first: u16, data: &[u8]) -> Option<u64> {
@@ -155,6 +179,12 @@ impl Drift {
         Some(holds < most)
     }
 
+    /// Forgets how inaccurate stamps were.
+    pub fn forget(&mut self) {
+        self.restart();
+        self.stamps_off = 0;
+    }
+
     /// Forgets the gaps so far, and counts again from here.
     pub fn restart(&mut self) {
         self.gap = None;
@@ -166,6 +196,11 @@ impl Drift {
 const MOST_CHANGES: usize = 512;
 /// Drift frames lie within this many frames of the process data of their cycle.
 const NEAR: usize = 8;
+
+/// Error of stamps up to which they tell the reference's time, ns.
+const MOST_OFF_NS: u64 = 50_000;
+/// Time after a reading for which stamps continue it: clocks of 50 ppm differ by 1 us then.
+const ESTIMATED: Duration = Duration::from_millis(20);
 
 /// The 64-bit time with these lower 32 bits that is nearest to `near`.
 pub(crate) fn nearest(low: u32, near: u64) -> u64 {

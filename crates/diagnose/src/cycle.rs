@@ -26,8 +26,6 @@ pub(crate) struct Logical {
     pub changes: Log<Change>,
     /// Frames that did not come back while the segment was in operation.
     pub lost: Log<Known<Duration>>,
-    /// It is in the same frame as the datagram that begins a cycle.
-    pub with_marker: bool,
     last: Option<(u16, usize)>,
     /// Events before some instant were forgotten: see [`Cycle::forget`].
     forgot: bool,
@@ -160,6 +158,8 @@ pub(crate) struct Cycle {
     pub rhythm: Rhythm,
     /// The same in the time of the reference clock.
     pub by_clock: Rhythm,
+    /// Some of these times were told by the stamps.
+    pub estimated: bool,
     /// From a frame that begins a cycle to its answer, by the stamps of the capture.
     pub round_trip: Rhythm,
     /// The same of those answers that came when the frame of the next cycle had left.
@@ -177,17 +177,23 @@ pub(crate) struct Cycle {
 }
 
 impl Cycle {
-    /// Takes a logical datagram; returns whether it begins a cycle.
-    pub fn access(&mut self, access: &Access<'_>, at: Duration, operating: bool) -> bool {
-        let Some(place) = self.place(access) else { return false };
+    /// Takes a logical datagram; returns its place, and whether it begins a cycle. `None`: there are
+    /// too many to be kept apart.
+    pub fn access(
+        &mut self,
+        access: &Access<'_>,
+        at: Duration,
+        operating: bool,
+    ) -> Option<(usize, bool)> {
+        let place = self.place(access)?;
         let logical = &mut self.logical[place];
         logical.frames += 1;
         logical.recent += 1;
         let recent = logical.recent;
         let marker = *self.marker.get_or_insert(place);
-        // A rare datagram, such as the data of a slow group or of the way up, does not begin a
-        // cycle.
-        if recent > 2 * self.logical[marker].recent + 16 {
+        // A rare datagram, such as the data of a slow group, which may come each other time, or of
+        // the way up, does not begin a cycle.
+        if recent > self.logical[marker].recent / 2 * 3 + 16 {
             self.marker = Some(place);
             self.rhythm = Rhythm::default();
             self.by_clock = Rhythm::default();
@@ -210,18 +216,17 @@ impl Cycle {
                 None => logical.lost.push(Known { value: at, frame: access.frame }),
             }
         }
-        begins
+        Some((place, begins))
     }
 
-    /// Notes the beginning of a cycle by the frame that was just taken apart, with its logical
-    /// datagrams. `time`: the reference's system time when the frame arrived there, ns. Returns the
-    /// time since the previous cycle, ns: by the stamps and by the reference's clock.
+    /// Notes the beginning of a cycle by the frame that was just taken apart. `time`: the reference's
+    /// system time when the frame arrived there, ns. Returns the time since the previous cycle, ns:
+    /// by the stamps and by the reference's clock.
     pub fn begins(
         &mut self,
         at: Duration,
         time: Option<u64>,
         frame: usize,
-        together: &[(Command, u32)],
     ) -> [Option<u64>; 2] {
         let by_stamps = self.rhythm.cycle(at, at, frame);
         let by_clock = match time {
@@ -232,10 +237,14 @@ impl Cycle {
                 None
             }
         };
-        for logical in &mut self.logical {
-            logical.with_marker |= together.contains(&(logical.command, logical.address));
-        }
         [by_stamps, by_clock]
+    }
+
+    /// Notes that stamps are too inaccurate to tell the reference's time.
+    pub fn distrust_stamps(&mut self) {
+        if std::mem::take(&mut self.estimated) {
+            self.by_clock = Rhythm::default();
+        }
     }
 
     /// Notes that the frame `request` that began a cycle came back `ns` later, at `at` in the frame
@@ -286,11 +295,10 @@ impl Cycle {
             logical.lost = Log::new(MOST_CHANGES);
             logical.last = None;
             logical.recent = 0;
-            logical.with_marker = false;
         }
     }
 
-    /// Another stretch of operation begins: counts how often each datagram comes anew.
+    /// Another stretch of operation begins: counts each datagram from zero.
     pub fn recount(&mut self) {
         self.logical.iter_mut().for_each(|logical| logical.recent = 0);
     }
@@ -333,7 +341,6 @@ impl Cycle {
             counts: BTreeMap::new(),
             changes: Log::new(MOST_CHANGES),
             lost: Log::new(MOST_CHANGES),
-            with_marker: false,
             last: None,
             forgot: false,
         });

@@ -20,7 +20,7 @@ use crate::mailbox::Way;
 use crate::observer::Observer;
 use crate::sync_unit::Switched;
 
-pub(crate) use data::is_process_data;
+pub(crate) use data::{carriers, is_process_data};
 use ways::ways;
 
 /// The evidence about the SubDevices that the claims are about, by position.
@@ -40,7 +40,7 @@ pub(crate) fn of(observer: &Observer, claims: &Claims) -> Evidence {
         longest_drift_gap: sync::drift_gap(observer)
             .filter(|_| observer.held.is_empty())
             .map(|gap| nanos(gap.ns)),
-        slide: rhythm.and_then(|rhythm| observer.phases.slide(rhythm.median()?)),
+        slide: rhythm.and_then(|_| observer.phases.slide()),
         talkers: Some(turns(observer).map(|talker| talker.frames).collect()),
         devices: devices.map(|one| of_device(one).unwrap_or_default()).collect(),
     }
@@ -72,7 +72,7 @@ fn device(
             .map(|cycle| Nanos::from_u32(cycle.value)),
         sync0_phase: sync0_phase(observer, place),
         sync0_overdue: last.and_then(overdue),
-        frame_to_sync0: frame_to_sync0(observer, device),
+        frame_to_sync0: frame_to_sync0(observer, place),
         lengths,
         exchanged: [0, 1].map(|towards| data::exchanged(observer, device, towards)),
         carried_each: [0, 1].map(|towards| data::carried_each(observer, device, towards, cycle?)),
@@ -259,13 +259,16 @@ fn overdue(last: Switched) -> Option<Nanos> {
 }
 
 /// The time from the instant at which punctual frames reach the reference clock to SYNC0.
-fn frame_to_sync0(observer: &Observer, device: &Device) -> Option<Picos> {
-    let distance = sync::measured(observer, device)?;
+fn frame_to_sync0(observer: &Observer, place: usize) -> Option<Picos> {
+    let (distance, within) = observer.distance(place)?;
     if distance.slides() || distance.count < LEAST_CYCLES {
         return None;
     }
     let cycle = i64::try_from(distance.grid.cycle).ok()?;
-    let after = (distance.punctual() + observer.phases.frame_ns()).rem_euclid(cycle);
+    if within > distance.grid.cycle / 100 {
+        return None;
+    }
+    let after = (distance.punctual() + distance.frame_ns).rem_euclid(cycle);
     Some(Picos::from(Nanos(if after > cycle / 4 * 3 { after - cycle } else { after })))
 }
 

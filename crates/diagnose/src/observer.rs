@@ -1,5 +1,6 @@
 //! The observer: takes exchanges one by one and keeps what each says, in bounded memory.
 
+use std::ops::Range;
 use std::time::Duration;
 
 use isocat_captures::pairing::{Exchange, Seen, Tap};
@@ -16,7 +17,7 @@ use crate::evidence;
 use crate::judge::claims::{self, Held};
 use crate::known::{Known, Log};
 use crate::measured::{Measured, Onlooker};
-use crate::phase::{Grid, MOST_GRIDS, Phases};
+use crate::phase::{Cyclic, Distance, Feed, MOST_GRIDS, Phases};
 use crate::talker::Talkers;
 
 /// A change of the number of SubDevices that frames pass.
@@ -43,6 +44,8 @@ pub(crate) struct Observer {
     pub talkers: Talkers,
     /// Answers of cyclic frames without a request, in operation.
     pub doubled: Log<Known<Duration>>,
+    /// Drift frames that did not come back, in operation.
+    pub drift_lost: Log<Known<Duration>>,
     /// Changes of the number of SubDevices that frames passed.
     pub reach: Log<Reach>,
     reach_now: Option<u16>,
@@ -72,7 +75,10 @@ pub(crate) struct Observer {
     all_in_op: bool,
     /// Like `began_inside`, but stays true after all devices have left operation.
     pub began_inside_once: bool,
-    grids: Vec<Grid>,
+    /// What is measured against which SYNC0, and for each device its place there.
+    feeds: Vec<Feed>,
+    fed: Vec<Option<usize>>,
+    feeds_are_old: bool,
     /// Exchanges that were taken.
     pub exchanges: u64,
     /// The first frame of the last exchange.
@@ -95,6 +101,7 @@ impl Observer {
             phases: Phases::default(),
             talkers: Talkers::default(),
             doubled: Log::new(MOST_EVENTS),
+            drift_lost: Log::new(MOST_EVENTS),
             reach: Log::new(MOST_EVENTS),
             reach_now: None,
             reached_in: 0,
@@ -110,7 +117,9 @@ impl Observer {
             began_inside: false,
             all_in_op: false,
             began_inside_once: false,
-            grids: Vec::new(),
+            feeds: Vec::new(),
+            fed: Vec::new(),
+            feeds_are_old: true,
             exchanges: 0,
             frame: 0,
             first: None,
@@ -135,18 +144,31 @@ impl Observer {
         // The index of the datagram that begins a cycle.
         let mut begins = None;
         let mut time = None;
-        let mut together: Vec<(Command, u32)> = Vec::new();
+        // The frame has process data, and which they are; it has a drift datagram; it came back.
+        let (mut is_cyclic, mut logical) = (false, Vec::new());
+        let (mut has_drift, mut is_back) = (false, false);
         let operation = self.operation;
         for access in accesses(exchange, tap, self.reach_now) {
             if let Some(passed) = access.passed {
                 self.reached(passed, access.frame, at);
             }
             time = self.drift.access(&access, at).or(time);
+            let leads = matches!(access.command, Command::Frmw | Command::Armw);
+            if leads && access.back.is_none() && judged {
+                self.drift_lost.push(Known { value: at, frame: access.frame });
+            }
+            has_drift |= leads;
+            is_back |= access.back.is_some();
             if access.command.is_logical() {
-                if self.cycle.access(&access, at, judged) {
-                    begins.get_or_insert(access.header.index);
+                is_cyclic = true;
+                let known = self.cycle.logical.len();
+                if let Some((place, marks)) = self.cycle.access(&access, at, judged) {
+                    logical.push(place);
+                    if marks {
+                        begins.get_or_insert(access.header.index);
+                    }
                 }
-                together.push((access.command, access.header.address));
+                self.feeds_are_old |= known < self.cycle.logical.len();
             } else {
                 self.access(&access, at, tap);
             }
@@ -165,18 +187,24 @@ impl Observer {
         // The request of the first answer may be before the beginning of the capture.
         let alone = exchange.request.is_none() && self.cycle.rhythm.count > 0;
         let alone = alone && tap.seen == Seen::Both;
-        if alone && !together.is_empty() && judged {
+        if alone && is_cyclic && judged {
             self.doubled.push(Known { value: at, frame: first.number });
             return;
         }
+        let frame = exchange.answer.as_ref().map_or(first.number, |answer| answer.number);
+        let at_ns = at.saturating_sub(self.first.unwrap_or_default()).as_nanos() as u64;
+        if self.drift.stamps_within().is_none() {
+            self.cycle.distrust_stamps();
+        }
+        let estimate = || self.drift.estimate(at).filter(|_| is_back && !has_drift);
+        let known = time.or_else(estimate);
         if let Some(index) = begins.filter(|_| judged) {
-            if self.cycle.is_same_again(at, time, index) {
+            if self.cycle.is_same_again(at, known, index) {
                 self.doubled.push(Known { value: at, frame: first.number });
                 return;
             }
-            let frame = exchange.answer.as_ref().map_or(first.number, |answer| answer.number);
-            let at_ns = at.saturating_sub(self.first.unwrap_or_default()).as_nanos() as u64;
-            let [by_stamps, by_clock] = self.cycle.begins(at, time, frame, &together);
+            self.cycle.estimated |= known.is_some() && time.is_none();
+            let [by_stamps, by_clock] = self.cycle.begins(at, known, frame);
             if let Some((request, answer)) = exchange.request.as_ref().zip(exchange.answer.as_ref())
             {
                 let took = answer.at.saturating_sub(at).as_nanos() as u64;
@@ -188,11 +216,51 @@ impl Observer {
             if let Some(ns) = by_clock {
                 onlooker(Measured::IntervalByClock { at_ns, ns });
             }
-            if let Some(time) = time {
-                let told = |grid, ns| onlooker(Measured::Distance { at_ns, grid, ns });
-                self.phases.cyclic(&self.grids, time, first.bytes.len(), frame, told);
-            }
         }
+        if judged
+            && !logical.is_empty()
+            && let Some(known) = known
+        {
+            if std::mem::take(&mut self.feeds_are_old) {
+                self.find_feeds();
+            }
+            let cyclic = Cyclic {
+                number: frame,
+                len: first.bytes.len(),
+                time: known,
+                by_stamps: time.is_none(),
+                begins: begins.is_some(),
+                logical: &logical,
+            };
+            let told = |grid, ns| onlooker(Measured::Distance { at_ns, grid, ns });
+            self.phases.cyclic(&self.feeds, cyclic, told);
+        }
+    }
+
+    /// Collects which frames are measured against which SYNC0.
+    fn find_feeds(&mut self) {
+        self.feeds.clear();
+        self.fed.clear();
+        for device in &self.devices.list {
+            let feed = device.sync.grid().map(|grid| Feed {
+                grid,
+                carriers: evidence::carriers(&self.cycle.logical, device),
+            });
+            let known = feed.as_ref().and_then(|feed| self.feeds.iter().position(|f| f == feed));
+            let place = known.or_else(|| {
+                let feed = feed.filter(|_| self.feeds.len() < MOST_GRIDS)?;
+                self.feeds.push(feed);
+                Some(self.feeds.len() - 1)
+            });
+            self.fed.push(place);
+        }
+    }
+
+    /// The distances from the frames of a device to its SYNC0 in operation, and how inaccurate they
+    /// are where stamps have a share in them, ns; `None`: not known.
+    pub fn distance(&self, place: usize) -> Option<(&Distance, u64)> {
+        let (distance, by_stamps) = self.phases.of(&self.feeds[(*self.fed.get(place)?)?])?;
+        Some((distance, if by_stamps { self.drift.stamps_within()? } else { 0 }))
     }
 
     /// Forgets the events so far, to bound memory. What devices are and how they were set up stays
@@ -201,8 +269,9 @@ impl Observer {
         self.cycle.forget();
         self.phases = Phases::default();
         self.doubled = Log::new(MOST_EVENTS);
+        self.drift_lost = Log::new(MOST_EVENTS);
         self.reach = Log::new(MOST_EVENTS);
-        self.drift.restart();
+        self.drift.forget();
         let now = self.last;
         self.devices.list.iter_mut().for_each(|device| device.forget(now));
     }
@@ -344,7 +413,9 @@ impl Observer {
         }
         if written.is_some() {
             self.station_written(place, access);
-            self.sync_written(access);
+        }
+        if written.is_some() || read.is_some() {
+            self.mapping_seen(access);
         }
         if let Some(data) = read {
             self.state_read(place, first, data, access.frame, at);
@@ -361,17 +432,12 @@ impl Observer {
         }
     }
 
-    /// Collects the grids of the pulses of SYNC units that were switched.
-    fn sync_written(&mut self, access: &Access<'_>) {
-        let address = register::SYNC_ACTIVATION.address;
-        if access.covers(address, 1) {
-            let grids = self.devices.list.iter().filter_map(|device| device.sync.grid());
-            let mut grids: Vec<Grid> = grids.collect();
-            grids.sort_by_key(|grid| (grid.cycle, grid.phase));
-            grids.dedup();
-            grids.truncate(MOST_GRIDS);
-            self.grids = grids;
-        }
+    /// Notes that what is measured may be another: SYNC units, FMMUs or SyncManagers changed.
+    fn mapping_seen(&mut self, access: &Access<'_>) {
+        let first = access.ado();
+        let end = first.saturating_add(access.header.len);
+        self.feeds_are_old |= access.covers(register::SYNC_ACTIVATION.address, 1)
+            || first < MAPPING.end && MAPPING.start < end;
     }
 
     fn state_read(&mut self, place: usize, first: u16, data: &[u8], frame: usize, at: Duration) {
@@ -436,6 +502,7 @@ impl Observer {
         self.cycle.restart();
         self.phases = Phases::default();
         self.doubled = Log::new(MOST_EVENTS);
+        self.drift_lost = Log::new(MOST_EVENTS);
         self.drift.restart();
     }
 
@@ -474,6 +541,8 @@ impl Observer {
 
 /// Stretches of operation that are held against the claims.
 const MOST_STRETCHES: usize = 64;
+/// FMMUs and SyncManagers.
+const MAPPING: Range<u16> = 0x0600..0x0900;
 /// Cycles without a reading of any state, after which a requested OP counts as reached.
 const LEAST_UNWATCHED: u64 = 100;
 /// Events of one kind that are kept.

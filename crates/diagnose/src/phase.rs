@@ -3,14 +3,19 @@
 //! A drift datagram (FRMW, ARMW) returns the reference's system time at the instant at which its
 //! frame reached the reference. SYNC0 comes at the start time and once per cycle after it, in the
 //! same time. So the distance from a frame to the next SYNC0 is known to the clock's 10 ns, however
-//! inaccurate the stamps of the capture are.
+//! inaccurate the stamps of the capture are. A frame without a drift datagram has the time of the
+//! last one before it, and by the stamps of the capture what passed since then.
+//!
+//! A device is measured by the frames with its own process data: others come at another rhythm.
+
+mod distance;
 
 use isocat_rules::evidence::Slide;
 use isocat_rules::trail::Trail;
 use isocat_wire::frame;
 use isocat_wire::time::Picos;
 
-use crate::known::Known;
+pub(crate) use self::distance::Distance;
 pub(crate) use crate::measured::Grid;
 
 impl Grid {
@@ -27,255 +32,205 @@ impl Grid {
     }
 }
 
-/// From the end of cyclic frames at the reference clock to the next SYNC0 of a grid.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Distance {
+/// What is measured: certain frames against the SYNC0 of some devices.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Feed {
     pub grid: Grid,
-    /// Frames that were measured.
-    pub count: u64,
-    /// Shortest and longest distance, ns. They continue below 0 and beyond the cycle where frames
-    /// move past SYNC0.
-    pub shortest: Known<i64>,
-    pub longest: Known<i64>,
-    /// The first and the last distance.
-    pub first: Known<i64>,
-    pub last: Known<i64>,
-    /// Where punctual frames lay last: a moving mean that follows early frames sooner than late
-    /// ones.
-    recent: i64,
-    /// Where frames have been for a long time.
-    home: i64,
-    /// Frames whose distance was below 0 or not below the cycle, and the first of them.
-    pub outside: u64,
-    pub first_outside: Option<Known<i64>>,
-    sum: i128,
-    course: Course,
+    /// Places of the logical datagrams with the process data of these devices. `None`: the capture
+    /// does not show which these are, so each frame that begins a cycle counts.
+    pub carriers: Option<Vec<usize>>,
 }
 
-/// The distances in the order of time, as the sums of a few parts of equal length. When all parts
-/// are full, each pair becomes one.
+/// A frame with process data.
 #[derive(Clone, Copy, Debug)]
-struct Course {
-    sums: [i128; PARTS],
-    /// Parts that have begun.
-    begun: usize,
-    /// Frames of a full part.
-    length: u64,
-    /// Frames of the last part.
-    filled: u64,
+pub(crate) struct Cyclic<'a> {
+    pub number: usize,
+    /// Its length without the check sequence, bytes.
+    pub len: usize,
+    /// The reference's system time when its first bit came there, ns.
+    pub time: u64,
+    /// The stamps of the capture have a share in that time.
+    pub by_stamps: bool,
+    /// It begins a cycle.
+    pub begins: bool,
+    /// The places of its logical datagrams that came back.
+    pub logical: &'a [usize],
 }
 
-/// Frames after which it is known where punctual ones lie.
-const LEARNING: u64 = 32;
-/// Parts of a course.
-const PARTS: usize = 16;
-
-impl Course {
-    fn new(ns: i64) -> Self {
-        let mut sums = [0; PARTS];
-        sums[0] = ns.into();
-        Self { sums, begun: 1, length: 1, filled: 1 }
-    }
-
-    fn push(&mut self, ns: i64) {
-        if self.filled == self.length && self.begun == PARTS {
-            for part in 0..PARTS / 2 {
-                self.sums[part] = self.sums[2 * part] + self.sums[2 * part + 1];
-            }
-            self.begun = PARTS / 2;
-            self.length *= 2;
-            self.filled = self.length;
+impl Cyclic<'_> {
+    fn is_of(&self, feed: &Feed) -> bool {
+        match &feed.carriers {
+            Some(carriers) => self.logical.iter().any(|place| carriers.contains(place)),
+            None => self.begins,
         }
-        if self.filled == self.length {
-            self.sums[self.begun] = 0;
-            self.begun += 1;
-            self.filled = 0;
-        }
-        self.sums[self.begun - 1] += i128::from(ns);
-        self.filled += 1;
-    }
-
-    /// Whether the distances went the same way all the time: three quarters of the steps from part
-    /// to part are at least half as long as the mean step. A jump is one step among many.
-    fn is_steady(&self) -> bool {
-        let full = if self.filled == self.length { self.begun } else { self.begun - 1 };
-        let Some(steps) = full.checked_sub(1).filter(|steps| *steps > 0) else { return false };
-        let way = self.sums[full - 1] - self.sums[0];
-        let least = way.abs() / (2 * steps as i128);
-        let step = |pair: &&[i128]| (pair[1] - pair[0]) * way.signum() >= least.max(1);
-        self.sums[..full].windows(2).filter(step).count() * 4 >= steps * 3
     }
 }
 
-impl Distance {
-    fn new(grid: Grid, ns: i64, frame: usize) -> Self {
-        let known = Known { value: ns, frame };
+/// The frames of one feed since operation began.
+#[derive(Clone, Debug)]
+struct Phase {
+    feed: Feed,
+    /// The first frames, before it is known how often they come in a cycle of SYNC0: the system
+    /// time at the end of each, and its number.
+    early: Vec<(u64, usize)>,
+    distance: Option<Distance>,
+    /// They come neither once in some cycles of SYNC0 nor several times in each.
+    irregular: bool,
+    frames: u64,
+    first: u64,
+    last: u64,
+    by_stamps: bool,
+}
+
+impl Phase {
+    fn new(feed: Feed, end: u64) -> Self {
         Self {
-            grid,
-            count: 1,
-            shortest: known,
-            longest: known,
-            first: known,
-            last: known,
-            recent: ns,
-            home: ns,
-            outside: 0,
-            first_outside: None,
-            sum: ns.into(),
-            course: Course::new(ns),
+            feed,
+            early: Vec::with_capacity(EARLY),
+            distance: None,
+            irregular: false,
+            frames: 0,
+            first: end,
+            last: end,
+            by_stamps: false,
         }
     }
 
-    /// Takes the distance of one more frame, which came `since` ns after the one before; returns it
-    /// unwrapped, as a continuation of those before.
-    fn push(&mut self, ns: i64, frame: usize, since: u64) -> i64 {
-        let cycle = self.grid.cycle as i64;
-        // Takes the value nearest to the last few distances, so that frames that drift through the
-        // cycle have continuous values. Hosts tend to be late rather than early: a frame counts as
-        // late by at most three quarters of a cycle, or as early by at most one quarter.
-        let near = |early: i64| ns + (self.recent - ns + early).div_euclid(cycle) * cycle;
-        // The first ones may have been late themselves. And after a time in which all were late, a
-        // frame where they have always been is punctual again.
-        let back = near(cycle / 2);
-        let is_home = (back - self.home).abs() < cycle / 8;
-        // The frame of the next cycle comes as much sooner or later behind the one before as it is
-        // more or less late. That tells where it is after long lateness, too, but is no proof that
-        // it passed SYNC0.
-        let next = i64::try_from(since)
-            .ok()
-            .filter(|since| (cycle / 4..=cycle + cycle / 32).contains(since));
-        let next = next.map(|since| self.last.value + cycle - since);
-        let next = next.filter(|next| (0..cycle).contains(next) && (ns - next).abs() < cycle / 32);
-        let ns = match next {
-            Some(_) => ns,
-            None if self.count < LEARNING || is_home => back,
-            None => near(cycle / 4),
-        };
-        // The punctual ones tell where frames belong, also after many late ones.
-        self.recent += (ns - self.recent) / if ns > self.recent { 4 } else { 32 };
-        let weight = if self.count < LEARNING { 4 } else { 1024 };
-        self.home += (ns - self.home) / weight;
-        let known = Known { value: ns, frame };
-        self.count += 1;
-        self.sum += i128::from(ns);
-        self.course.push(ns);
-        self.last = known;
-        if ns < self.shortest.value {
-            self.shortest = known;
+    /// Takes the next frame, which takes `frame_ns` from its first bit to its last, and whose last bit
+    /// was at the reference at the system time `end`. Calls `told` with each distance that is known
+    /// from now on.
+    fn push(&mut self, end: u64, frame_ns: i64, frame: usize, mut told: impl FnMut(i64)) {
+        self.frames += 1;
+        self.last = end;
+        if self.irregular {
+            return;
         }
-        if ns > self.longest.value {
-            self.longest = known;
+        if let Some(distance) = &mut self.distance {
+            distance.frame_ns = frame_ns;
+            distance.push(end, frame).into_iter().for_each(told);
+            return;
         }
-        if !(0..cycle).contains(&ns) {
-            self.outside += 1;
-            self.first_outside.get_or_insert(known);
+        self.early.push((end, frame));
+        if self.early.len() < EARLY {
+            return;
         }
-        ns
+        let early = std::mem::take(&mut self.early);
+        let mut intervals: Vec<u64> =
+            early.windows(2).map(|pair| pair[1].0.wrapping_sub(pair[0].0)).collect();
+        intervals.sort_unstable();
+        let cycle = self.feed.grid.cycle;
+        let times = times(cycle, intervals[intervals.len() / 2]);
+        self.irregular = cycle % times != 0;
+        if self.irregular {
+            return;
+        }
+        let mut distance = Distance::new(self.feed.grid, cycle / times, frame_ns);
+        for (end, frame) in early {
+            distance.push(end, frame).into_iter().for_each(&mut told);
+        }
+        self.distance = Some(distance);
     }
 
-    /// The mean of that part of the time in which frames came earliest, ns: what is late at times
-    /// is punctual at others.
-    pub fn punctual(&self) -> i64 {
-        let course = &self.course;
-        let frames = |part| match part + 1 == course.begun {
-            true => course.filled,
-            false => course.length,
-        };
-        let parts = (0..course.begun).filter(|part| frames(*part) >= LEARNING.min(course.length));
-        let means = parts.map(|part| (course.sums[part] / i128::from(frames(part))) as i64);
-        means.max().unwrap_or_else(|| self.mean())
-    }
-
-    /// Whether frames drifted through more than half a cycle in one direction: they do not follow
-    /// the reference clock.
-    pub fn slides(&self) -> bool {
-        let way = self.last.value - self.first.value;
-        way.abs() > self.grid.cycle as i64 / 2 && self.course.is_steady()
-    }
-
-    /// The mean, ns.
-    pub fn mean(&self) -> i64 {
-        (self.sum / i128::from(self.count)) as i64
+    /// The distances, if frames came all the time as often as at first.
+    fn distance(&self) -> Option<&Distance> {
+        let mean = self.last.wrapping_sub(self.first) / self.frames.saturating_sub(1).max(1);
+        let cycle = self.feed.grid.cycle;
+        let distance = self.distance.as_ref().filter(|distance| distance.count > 0)?;
+        (cycle / times(cycle, mean) == distance.step).then_some(distance)
     }
 }
 
-/// The distances of all grids since operation began.
+/// How often frames that are `interval` apart come in a cycle of SYNC0, at least once.
+fn times(cycle: u64, interval: u64) -> u64 {
+    ((cycle + interval / 2) / interval.max(1)).max(1)
+}
+
+/// The distances of all feeds since operation began.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Phases {
-    pub grids: Vec<Distance>,
+    all: Vec<Phase>,
     /// The course of the distances to the grid with the shortest cycle.
     trail: Trail,
-    trailed: Option<Grid>,
+    /// The place of that feed.
+    trailed: Option<usize>,
     /// The reference's system time at the first frame, ns.
     since: Option<u64>,
-    /// The reference's system time at the last frame, ns.
-    last: Option<u64>,
-    /// How long the frames take from their first bit to their last, ns: the last one.
-    frame_ns: u64,
 }
 
 impl Phases {
-    /// Takes a cyclic frame of `len` bytes that reached the reference at system time `at`. Calls
-    /// `told` with the distance to each grid.
-    pub fn cyclic(
-        &mut self,
-        grids: &[Grid],
-        at: u64,
-        len: usize,
-        frame: usize,
-        mut told: impl FnMut(Grid, i64),
-    ) {
-        self.frame_ns = frame::duration_ns(len);
-        let end = at.wrapping_add(self.frame_ns);
-        let shortest = || grids.iter().min_by_key(|grid| grid.cycle).copied();
-        self.trailed = self.trailed.or_else(shortest);
-        let since = at.wrapping_sub(*self.since.get_or_insert(at));
-        let interval = at.wrapping_sub(self.last.replace(at).unwrap_or(at));
-        let mut told = |grid: Grid, ns: i64| {
-            if self.trailed == Some(grid) {
-                // A frame that comes later is nearer to SYNC0.
-                self.trail.take(since.saturating_mul(1_000), Picos(-ns * 1_000));
+    /// Takes a frame with process data. Calls `told` with the distance to each grid.
+    pub fn cyclic(&mut self, feeds: &[Feed], frame: Cyclic<'_>, mut told: impl FnMut(Grid, i64)) {
+        let frame_ns = frame::duration_ns(frame.len);
+        let end = frame.time.wrapping_add(frame_ns);
+        let since = frame.time.wrapping_sub(*self.since.get_or_insert(frame.time));
+        for feed in feeds.iter().filter(|feed| frame.is_of(feed)) {
+            let known = self.all.iter().position(|phase| phase.feed == *feed);
+            if known.is_none() && self.all.len() >= MOST_GRIDS {
+                continue;
             }
-            told(grid, ns);
-        };
-        for grid in grids {
-            let ns = grid.ahead(end) as i64;
-            match self.grids.iter().position(|distance| distance.grid == *grid) {
-                Some(place) => told(*grid, self.grids[place].push(ns, frame, interval)),
-                None if self.grids.len() < MOST_GRIDS => {
-                    self.grids.push(Distance::new(*grid, ns, frame));
-                    told(*grid, ns);
+            let place = known.unwrap_or_else(|| {
+                self.all.push(Phase::new(feed.clone(), end));
+                self.all.len() - 1
+            });
+            let shorter = |trailed: usize| feed.grid.cycle < self.all[trailed].feed.grid.cycle;
+            if known.is_none() && self.trailed.is_none_or(shorter) {
+                self.trailed = Some(place);
+                self.trail = Trail::default();
+            }
+            // Where two feeds have one grid, the first one is told.
+            let first = self.all.iter().position(|phase| phase.feed.grid == feed.grid);
+            let phase = &mut self.all[place];
+            phase.by_stamps |= frame.by_stamps;
+            phase.push(end, frame_ns as i64, frame.number, |ns| {
+                if self.trailed == Some(place) {
+                    // A frame that comes later is nearer to SYNC0.
+                    self.trail.take(since.saturating_mul(1_000), Picos(-ns * 1_000));
                 }
-                None => {}
-            }
+                if first == Some(place) {
+                    told(feed.grid, ns);
+                }
+            });
         }
     }
 
-    /// How frames, which come each `cycle` ns, move against the reference clock. `None`: not known,
-    /// or they come several times in a cycle of each SYNC0.
-    pub fn slide(&self, cycle: u64) -> Option<Slide> {
-        let trailed = self.trailed.filter(|grid| grid.cycle <= cycle + cycle / 2)?;
-        self.of(trailed)?;
+    /// How frames move against the reference clock. `None`: not known.
+    pub fn slide(&self) -> Option<Slide> {
+        self.all[self.trailed?].distance()?;
         self.trail.slide()
     }
 
-    /// From the first bit of a cyclic frame to its last, ns.
-    pub fn frame_ns(&self) -> i64 {
-        self.frame_ns as i64
+    /// The distances of a feed, and whether stamps have a share in them.
+    pub fn of(&self, feed: &Feed) -> Option<(&Distance, bool)> {
+        let phase = self.all.iter().find(|phase| phase.feed == *feed)?;
+        Some((phase.distance()?, phase.by_stamps))
     }
 
-    /// The distances of one grid.
-    pub fn of(&self, grid: Grid) -> Option<&Distance> {
-        self.grids.iter().find(|distance| distance.grid == grid)
+    /// All that are known.
+    pub fn all(&self) -> impl Iterator<Item = &Distance> {
+        self.all.iter().filter_map(Phase::distance)
     }
 }
 
-/// Grids that are kept apart.
+/// Feeds that are kept apart.
 pub(crate) const MOST_GRIDS: usize = 64;
+/// Frames after which it is known how often they come in a cycle of SYNC0.
+const EARLY: usize = 17;
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The distances of frames of 60 bytes that come to the reference at these instants.
+    fn measured(grid: Grid, times: impl Iterator<Item = u64>) -> Option<Distance> {
+        let feeds = [Feed { grid, carriers: None }];
+        let mut phases = Phases::default();
+        for (number, time) in times.enumerate() {
+            let (by_stamps, begins) = (false, true);
+            let frame = Cyclic { number, len: 60, time, by_stamps, begins, logical: &[] };
+            phases.cyclic(&feeds, frame, |_, _| {});
+        }
+        phases.of(&feeds[0]).map(|(distance, _)| distance.clone())
+    }
 
     #[test]
     fn the_next_pulse() {
@@ -289,12 +244,9 @@ mod tests {
     #[test]
     fn frames_that_wander_past_sync0_go_on() {
         let grid = Grid::new(1_000_000, 0).expect("a cycle");
-        let mut phases = Phases::default();
-        for cycle in 0..2000_u64 {
-            // Each cycle 1 us later, from 500 us before SYNC0 on.
-            phases.cyclic(&[grid], cycle * 1_001_000 + 500_000, 60, cycle as usize, |_, _| {});
-        }
-        let distance = phases.of(grid).expect("measured");
+        // Each cycle 1 us later, from 500 us before SYNC0 on.
+        let times = (0..2000_u64).map(|cycle| cycle * 1_001_000 + 500_000);
+        let distance = measured(grid, times).expect("measured");
         let duration = frame::duration_ns(60) as i64;
         assert_eq!(distance.first.value, 500_000 - duration);
         assert_eq!(distance.last.value, 500_000 - duration - 1_999_000);
@@ -308,13 +260,9 @@ mod tests {
     fn a_jump_is_no_slide() {
         let grid = Grid::new(1_000_000, 0).expect("a cycle");
         let measured = |frames: u64, late: fn(u64, u64) -> u64| {
-            let mut phases = Phases::default();
-            for cycle in 0..frames {
-                let jitter = cycle * 7_919 % 100 * 1_000;
-                let at = cycle * 1_000_000 + 50_000 + jitter + late(cycle, frames);
-                phases.cyclic(&[grid], at, 60, cycle as usize, |_, _| {});
-            }
-            *phases.of(grid).expect("measured")
+            let jitter = |cycle| cycle * 7_919 % 100 * 1_000;
+            let at = |cycle| cycle * 1_000_000 + 50_000 + jitter(cycle) + late(cycle, frames);
+            measured(grid, (0..frames).map(at)).expect("measured")
         };
         for frames in [100, 1_000, 1_023, 1_024, 1_025, 30_000] {
             let jumped = |cycle, frames| if cycle < frames / 2 { 0 } else { 600_000 };
@@ -329,12 +277,9 @@ mod tests {
     #[test]
     fn late_frames_do_not_move_where_frames_belong() {
         let grid = Grid::new(1_000_000, 0).expect("a cycle");
-        let mut phases = Phases::default();
-        for cycle in 0..4000_u64 {
-            let late = if cycle % 100 < 8 { 400_000 } else { cycle * 104_729 % 400_000 };
-            phases.cyclic(&[grid], cycle * 1_000_000 + 480_000 + late, 60, 0, |_, _| {});
-        }
-        let distance = phases.of(grid).expect("measured");
+        let late = |cycle| if cycle % 100 < 8 { 400_000 } else { cycle * 104_729 % 400_000 };
+        let times = (0..4000_u64).map(|cycle| cycle * 1_000_000 + 480_000 + late(cycle));
+        let distance = measured(grid, times).expect("measured");
         assert_eq!(distance.outside, 0, "{:?}", distance.shortest);
     }
 
@@ -344,12 +289,9 @@ mod tests {
         let grid = Grid::new(1_000_000, 0).expect("a cycle");
         let punctual = 1_000_000 - 480_000 - frame::duration_ns(60) as i64;
         for late in [500..700, 100..1_100, 100..5_000] {
-            let mut phases = Phases::default();
-            for cycle in 0..late.end + 300 {
-                let late = if late.contains(&cycle) { 400_000 } else { 0 };
-                phases.cyclic(&[grid], cycle * 1_000_000 + 480_000 + late, 60, 0, |_, _| {});
-            }
-            let distance = phases.of(grid).expect("measured");
+            let by = |cycle| if late.contains(&cycle) { 400_000 } else { 0 };
+            let times = (0..late.end + 300).map(|cycle| cycle * 1_000_000 + 480_000 + by(cycle));
+            let distance = measured(grid, times).expect("measured");
             assert_eq!((distance.outside, distance.slides()), (0, false), "{late:?}: {distance:?}");
             assert_eq!(distance.longest.value, punctual);
             // A course has sixteen parts at most, so a short stretch may be part of a later one.
@@ -360,19 +302,69 @@ mod tests {
     #[test]
     fn a_late_frame_alone_is_not_one_of_the_next_cycle() {
         let grid = Grid::new(1_000_000, 0).expect("a cycle");
-        let mut phases = Phases::default();
-        for cycle in 0..100_u64 {
-            let late = if cycle == 50 { 300_000 } else { 0 };
-            phases.cyclic(
-                &[grid],
-                cycle * 1_000_000 + 800_000 + late,
-                60,
-                cycle as usize,
-                |_, _| {},
-            );
-        }
-        let distance = phases.of(grid).expect("measured");
+        let late = |cycle| if cycle == 50 { 300_000 } else { 0 };
+        let times = (0..100_u64).map(|cycle| cycle * 1_000_000 + 800_000 + late(cycle));
+        let distance = measured(grid, times).expect("measured");
         assert_eq!((distance.outside, distance.shortest.frame), (1, 50));
         assert_eq!(distance.shortest.value, -100_000 - frame::duration_ns(60) as i64);
+    }
+
+    /// Frames come several times in a cycle of SYNC0, and the last one before it counts.
+    #[test]
+    fn the_last_frame_before_sync0_counts() {
+        for (ratio, late, outside) in
+            [(2, 0, 0), (4, 0, 0), (3, 0, 0), (2, 300_000, 1), (4, 300_000, 1)]
+        {
+            let grid = Grid::new(ratio * 1_000_000, 400_000).expect("a cycle");
+            let ratio = u64::from(ratio);
+            for whom in 0..ratio {
+                // One frame of the hundredth cycle of SYNC0 is late.
+                let late = |frame| if frame == 100 * ratio + whom { late } else { 0 };
+                let at = |frame| frame * 1_000_000 + 200_000 + late(frame);
+                let distance = measured(grid, (0..200 * ratio).map(at)).expect("measured");
+                // SYNC0 comes 400 us after the beginning of a whole one.
+                let outside = if whom == 0 { outside } else { 0 };
+                assert_eq!((distance.count, distance.outside), (200, outside), "{ratio} {whom}");
+                let punctual = 200_000 - frame::duration_ns(60) as i64;
+                assert_eq!(distance.longest.value, punctual, "{ratio} {whom}");
+            }
+        }
+    }
+
+    /// Frames that come neither once in cycles of SYNC0 nor several times in each, and those that
+    /// came at another rhythm at first.
+    #[test]
+    fn frames_of_another_rhythm_are_not_measured() {
+        let grid = Grid::new(1_000_000, 0).expect("a cycle");
+        assert!(measured(grid, (0..100).map(|frame| frame * 300_000)).is_none());
+        assert!(measured(grid, (0..100).map(|frame| frame * 3_000_000)).is_some());
+        let turned = |frame: u64| frame * 500_000 + frame.saturating_sub(20) * 500_000;
+        assert!(measured(grid, (0..30).map(turned)).is_some());
+        assert!(measured(grid, (0..300).map(turned)).is_none());
+        assert!(measured(grid, (0..16).map(|frame| frame * 1_000_000)).is_none(), "too few");
+        assert!(measured(grid, (0..17).map(|frame| frame * 1_000_000)).is_some());
+    }
+
+    /// Two devices at one SYNC0, each with frames of its own.
+    #[test]
+    fn each_frame_is_measured_for_its_devices() {
+        let grid = Grid::new(2_000_000, 0).expect("a cycle");
+        let feed = |place| Feed { grid, carriers: Some(vec![place]) };
+        let feeds = [feed(3), feed(5)];
+        let mut phases = Phases::default();
+        for number in 0..200 {
+            let place = [3, 5][number % 2];
+            let time = number as u64 * 1_000_000 + 700_000;
+            let by_stamps = place == 5;
+            let logical = &[0, place];
+            let frame = Cyclic { number, len: 60, time, by_stamps, begins: false, logical };
+            phases.cyclic(&feeds, frame, |_, _| {});
+        }
+        let duration = frame::duration_ns(60) as i64;
+        let found = feeds.each_ref().map(|feed| phases.of(feed).expect("measured"));
+        assert_eq!(found.map(|(distance, _)| distance.count), [100, 100]);
+        let values = found.map(|(distance, _)| distance.longest.value + duration);
+        assert_eq!(values, [1_300_000, 300_000]);
+        assert_eq!(found.map(|(_, by_stamps)| by_stamps), [false, true]);
     }
 }

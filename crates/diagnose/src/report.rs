@@ -64,11 +64,28 @@ pub(crate) fn report(
     };
     report.unknown = unknown::unknown(&report, tap.is_some_and(shows_answers));
     report.unknown.extend(left_out(observer));
-    let unseen = |place: &usize| observer.devices.list[*place].states.op.is_none();
-    let unseen: Vec<bool> = builder.order.iter().map(unseen).collect();
-    let is_open = tap.is_some_and(|tap| tap.seen == TapSeen::Back) && observer.is_operating();
-    report.verdict = report.judge(&unseen, lacking(&rulings, names), is_open);
+    let in_order = || builder.order.iter().map(|place| &observer.devices.list[*place]);
+    let doubts = Doubts {
+        unseen: in_order().map(|device| device.states.op.is_none()).collect(),
+        pulsing: in_order().map(|device| device.sync.operates()).collect(),
+        lacking: lacking(&rulings, names),
+        is_open: tap.is_some_and(|tap| tap.seen == TapSeen::Back) && observer.is_operating(),
+    };
+    report.verdict = report.judge(doubts);
     report
+}
+
+/// What keeps a capture without a fault from showing that devices were in sync.
+struct Doubts {
+    /// By device, whether it was never read in OP.
+    unseen: Vec<bool>,
+    /// By device, whether it had SYNC0 in operation.
+    pulsing: Vec<bool>,
+    /// What is not known though it was claimed.
+    lacking: Option<String>,
+    /// The capture has answers alone and ends in operation, so it is not known what came behind the
+    /// last answer.
+    is_open: bool,
 }
 
 /// What is missing to say that the segment is in sync as it was meant: the evidence for the first
@@ -129,20 +146,19 @@ impl DiagnoseReport {
         self.verdict.kind == VerdictKind::Found
     }
 
-    /// The verdict. `unseen`: by device, whether it was never read in OP. `lacking`: what is not
-    /// known though it was claimed. `is_open`: the capture has answers alone and ends in operation,
-    /// so it is not known what came behind the last answer.
-    fn judge(&self, unseen: &[bool], lacking: Option<String>, is_open: bool) -> Verdict {
+    fn judge(&self, doubts: Doubts) -> Verdict {
         let faults: Vec<&FindingReport> =
             self.findings.iter().filter(|one| one.weight == WeightKind::Fault).collect();
         let measured: Vec<&Distance> =
             self.devices.iter().filter_map(|device| device.distance.as_ref()).collect();
         // Without its state, frames at the right time prove nothing.
-        let below = self
-            .devices
-            .iter()
-            .zip(unseen)
-            .find(|(device, unseen)| device.distance.is_some() && **unseen);
+        let with = |doubts: &[bool], measured: bool| {
+            let mut all = self.devices.iter().zip(doubts);
+            let wanted = |device: &DeviceReport| device.distance.is_some() == measured;
+            all.find(|(device, doubt)| wanted(device) && **doubt).map(|(device, _)| device)
+        };
+        let below = with(&doubts.unseen, true);
+        let unmeasured = with(&doubts.pulsing, false);
         let frames = measured.iter().map(|distance| distance.frames).max().unwrap_or(0);
         let (kind, sentence) = match (faults.first(), frames, below) {
             (Some(first), ..) => {
@@ -155,21 +171,28 @@ impl DiagnoseReport {
                     format!("First at {}: {}{more}.", self.frame(first.frame), first.what);
                 (VerdictKind::Found, sentence)
             }
-            (None, 1.., Some((device, _))) => {
+            (None, 1.., Some(device)) => {
                 let sentence = format!(
                     "No fault was found; whether devices were in sync is not known: {} was not read in OP.",
                     device.title()
                 );
                 (VerdictKind::NothingFound, sentence)
             }
-            (None, _, None) if lacking.is_some() => {
+            (None, _, None) if doubts.lacking.is_some() => {
                 let sentence = format!(
                     "No fault was found; whether devices were in sync as they are meant to is not known: the capture does not show {}.",
-                    lacking.unwrap_or_default()
+                    doubts.lacking.unwrap_or_default()
                 );
                 (VerdictKind::NothingFound, sentence)
             }
-            (None, 1.., None) if is_open => {
+            (None, 1.., None) if unmeasured.is_some() => {
+                let title = unmeasured.map(DeviceReport::title).unwrap_or_default();
+                let sentence = format!(
+                    "No fault was found; whether all devices were in sync is not known: the capture does not show where frames lie against SYNC0 of {title}.",
+                );
+                (VerdictKind::NothingFound, sentence)
+            }
+            (None, 1.., None) if doubts.is_open => {
                 let sentence = "No fault was found; whether devices stayed in sync is not known: the capture has answers alone and ends in operation, as it would if nothing answered any more.";
                 (VerdictKind::NothingFound, sentence.to_owned())
             }

@@ -163,9 +163,17 @@ impl SyncUnit {
     /// and cycle are known. A start time of 32 bits is the one nearest to the time at which it was
     /// written.
     pub fn grid(&self) -> Option<Grid> {
-        let mut switched = [self.last, self.operated].into_iter().flatten();
-        let on = switched.find(Switched::makes_sync0)?;
+        let on = self.operating()?;
         Grid::new(on.sync0_cycle?.value, on.full_start()?)
+    }
+
+    /// Whether SYNC0 is on, or was at the end of operation.
+    pub fn operates(&self) -> bool {
+        self.operating().is_some()
+    }
+
+    fn operating(&self) -> Option<Switched> {
+        [self.last, self.operated].into_iter().flatten().find(Switched::makes_sync0)
     }
 
     /// Notes that operation ended: the way down may switch SYNC off.

@@ -67,6 +67,18 @@ pub(super) fn mapped(device: &Device) -> [Vec<Range<u64>>; 2] {
     KINDS.map(|kind| of_kind(kind).map(|fmmu| logical_bits(&fmmu)).collect())
 }
 
+/// Places of the logical datagrams with the last bit of the outputs of a device, with which it has
+/// them all, or of its inputs if it has no outputs. `None`: the capture does not show where these
+/// are.
+pub(crate) fn carriers(logical: &[Logical], device: &Device) -> Option<Vec<usize>> {
+    let mapped = mapped(device);
+    let (bits, kind) = mapped.iter().zip(KINDS).find(|(bits, _)| !bits.is_empty())?;
+    let end = bits.iter().map(|bits| bits.end).max()?;
+    let last = end.saturating_sub(1)..end;
+    let all = logical.iter().enumerate();
+    Some(all.filter(|(_, one)| has(one, &last, kind)).map(|(place, _)| place).collect())
+}
+
 /// Whether frames in operation carry the process data of a direction: a SyncManager hands over its
 /// buffer with the last byte, and takes one with the first. `None`: the capture does not show the
 /// way up, or the device's memory is addressed without FMMUs.

@@ -7,6 +7,7 @@ use super::MOST_FRAMES;
 use crate::cycle::{Logical, Rhythm};
 use crate::device::{Device, Silence};
 use crate::finding::{Finding, Kind, Which};
+use crate::known::Log;
 use crate::observer::Observer;
 
 pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
@@ -156,7 +157,7 @@ pub(crate) fn share(logical: &Logical, device: &Device) -> u16 {
     }
 }
 
-/// Finds cyclic frames without an answer. Frames after the last answer do not count: theirs may
+/// Finds cyclic frames without an answer: with process data or the reference's time. Frames after the last answer do not count: theirs may
 /// come after the end of the capture.
 fn lost(observer: &Observer, all: &mut Vec<Finding>) {
     let mut frames: Vec<_> = observer
@@ -164,14 +165,16 @@ fn lost(observer: &Observer, all: &mut Vec<Finding>) {
         .logical
         .iter()
         .flat_map(|logical| &logical.lost.kept)
+        .chain(&observer.drift_lost.kept)
         .filter(|lost| lost.frame < observer.cycle.last_answered)
         .map(|lost| (lost.frame, lost.value))
         .collect();
     frames.sort_unstable();
     frames.dedup();
     let Some((first, at)) = frames.first().copied() else { return };
-    let logs = observer.cycle.logical.iter().map(|logical| logical.lost.left_off()).max();
-    let count = frames.len() as u64 + logs.unwrap_or(0);
+    let logs = observer.cycle.logical.iter().map(|logical| &logical.lost);
+    let left_off = logs.chain([&observer.drift_lost]).map(Log::left_off).max();
+    let count = frames.len() as u64 + left_off.unwrap_or(0);
     let kind = Kind::FramesLost { count };
     let more = frames.iter().map(|(frame, _)| *frame).take(MOST_FRAMES);
     all.push(Finding::new(kind, None, first).at(at).with(more).likely());

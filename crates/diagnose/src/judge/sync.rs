@@ -6,7 +6,6 @@ use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
 use isocat_wire::al::AlState;
 use isocat_wire::{ObjectAddress, register};
 
-use super::cyclic::share;
 use super::{MOST_FRAMES, delay, mode, reference};
 use crate::device::Device;
 use crate::finding::{Finding, Kind};
@@ -246,33 +245,31 @@ fn watchdog(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Fi
     }
 }
 
-/// The distances of a device, from the last bit of cyclic frames there to its SYNC0. The first
-/// number is how much shorter they are than at the reference, ns. `None`: they are not known, or
-/// the device's process data are not in each of the frames that were measured.
-pub(crate) fn distance<'a>(observer: &'a Observer, device: &Device) -> Option<(i64, &'a Distance)> {
-    let distance = measured(observer, device)?;
-    if !outputs_with_marker(observer, device) {
-        return None;
-    }
-    Some((delay(observer, device)?, distance))
+/// The distances of a device, from the last bit of its frames there to its SYNC0; `None`: they are
+/// not known.
+pub(crate) struct OfDevice<'a> {
+    /// From the last bit at the reference.
+    pub distance: &'a Distance,
+    /// By how much it is shorter at the device, ns.
+    pub delay: i64,
+    /// How inaccurate it is, as stamps of the capture have a share in it, ns; else 0.
+    pub within: i64,
 }
 
-/// The distances from the last bit of cyclic frames at the reference to SYNC0 of a device. `None`:
-/// they are not known, or frames come several times in a cycle of this SYNC0.
-pub(crate) fn measured<'a>(observer: &'a Observer, device: &Device) -> Option<&'a Distance> {
-    let distance = observer.phases.of(device.sync.grid()?)?;
-    (!is_slower(observer, distance)).then_some(distance)
-}
-
-/// Whether the frame that begins a cycle holds the outputs of a device, or its inputs if it has no
-/// outputs.
-fn outputs_with_marker(observer: &Observer, device: &Device) -> bool {
-    let logical = || observer.cycle.logical.iter().filter(|logical| share(logical, device) > 0);
-    logical().next().is_none() || logical().any(|logical| logical.with_marker)
+pub(crate) fn distance(observer: &Observer, place: usize) -> Option<OfDevice<'_>> {
+    let (distance, within) = observer.distance(place)?;
+    let within = within as i64;
+    let delay = delay(observer, &observer.devices.list[place])?;
+    // Whether the nearest frame came before or behind SYNC0 must be told.
+    let cycle = distance.grid.cycle as i64;
+    let [shortest, longest] = [distance.shortest, distance.longest].map(|known| known.value - delay);
+    let told = |ns: i64| (ns - within).div_euclid(cycle) == (ns + within).div_euclid(cycle);
+    (told(shortest) && told(longest)).then_some(OfDevice { distance, delay, within })
 }
 
 fn distances(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
-    let Some((delay, distance)) = distance(observer, device) else { return };
+    let Some(OfDevice { distance, delay, within }) = distance(observer, place) else { return };
+    let sure = |finding: Finding| if within > 0 { finding.likely() } else { finding };
     if distance.slides() {
         return;
     }
@@ -290,29 +287,21 @@ fn distances(place: usize, device: &Device, observer: &Observer, all: &mut Vec<F
             of: distance.count,
             worst_ns: worst.value - delay,
         };
-        all.push(Finding::new(kind, Some(place), first.frame).with([worst.frame]));
+        all.push(sure(Finding::new(kind, Some(place), first.frame).with([worst.frame])));
         return;
     }
     let object = ObjectAddress::new(OUTPUT_PARAMETER, sub::CALC_AND_COPY_TIME);
     let Some(needed) = device.mailbox.number(object) else { return };
     let by_sync0 = mode(device).is_some_and(|(_, mode)| mode.value == SyncType::DC_SYNC0);
-    if by_sync0 && least < needed.value as i64 {
+    if by_sync0 && least + within < needed.value as i64 {
         let kind = Kind::CopyTimeNotKept { least_ns: least, needed_ns: needed.value };
         let finding = Finding::new(kind, Some(place), distance.shortest.frame);
-        all.push(finding.with([needed.frame]));
+        all.push(sure(finding.with([needed.frame])));
     }
 }
 
-/// Whether the frames that begin cycles come several times in a cycle of this SYNC0: then each of
-/// them lies elsewhere in it.
-fn is_slower(observer: &Observer, distance: &Distance) -> bool {
-    let frames = observer.cycle.by_clock.median();
-    frames.is_none_or(|frames| distance.grid.cycle > frames + frames / 2)
-}
-
 fn slides(observer: &Observer, all: &mut Vec<Finding>) {
-    let judged = |distance: &&Distance| !is_slower(observer, distance) && distance.slides();
-    let Some(distance) = observer.phases.grids.iter().find(judged) else { return };
+    let Some(distance) = observer.phases.all().find(|distance| distance.slides()) else { return };
     let cycle = distance.grid.cycle as i64;
     let way = distance.last.value - distance.first.value;
     let span = cycle as f64 * distance.count as f64;

@@ -13,6 +13,7 @@ use crate::Names;
 use crate::counters;
 use crate::device::Device;
 use crate::judge;
+use crate::judge::sync::OfDevice;
 use crate::known::Known;
 use crate::mailbox::Way;
 
@@ -87,7 +88,7 @@ pub(super) fn report(builder: &Builder<'_>, place: usize, names: &Names) -> Devi
         worst_difference_ns: magnitude(differences.worst),
         sync: device.sync.switched.kept.iter().map(|one| switched(builder, one)).collect(),
         sync_looked_at: device.sync.looked.map_or(0, |looked| looked.value),
-        distance: distance(builder, device),
+        distance: distance(builder, place),
         error_readings: device.errors.readings,
         errors: errors(builder, device),
         last: builder.files.place(device.last),
@@ -248,8 +249,8 @@ fn switched(builder: &Builder<'_>, one: &crate::sync_unit::Switched) -> SyncSwit
     }
 }
 
-fn distance(builder: &Builder<'_>, device: &Device) -> Option<Distance> {
-    let (delay, distance) = judge::sync::distance(builder.observer, device)?;
+fn distance(builder: &Builder<'_>, place: usize) -> Option<Distance> {
+    let OfDevice { distance, delay, within } = judge::sync::distance(builder.observer, place)?;
     let shown = |known: Known<i64>| Shown {
         value: known.value - delay,
         frame: builder.files.place(known.frame),
@@ -262,6 +263,7 @@ fn distance(builder: &Builder<'_>, device: &Device) -> Option<Distance> {
         mean_ns: distance.mean() - delay,
         longest_ns: shown(distance.longest),
         delay_ns: delay,
+        within_ns: within,
         slides: distance.slides(),
     })
 }

@@ -284,11 +284,18 @@ impl DiagnoseReport {
             }
             if let Some(distance) = &device.distance {
                 let what = format!(
-                    "{} cyclic frames ended {} to {} before SYNC0 ({} on average), by the reference's time",
+                    "{} cyclic frames ended {} to {} before SYNC0 ({} on average), by {}",
                     distance.frames,
                     time(distance.shortest_ns.value as f64),
                     time(distance.longest_ns.value as f64),
                     time(distance.mean_ns as f64),
+                    match distance.within_ns {
+                        0 => "the reference's time".to_owned(),
+                        within => format!(
+                            "the reference's time in other frames and the stamps since then, which are within {}",
+                            time(within as f64)
+                        ),
+                    },
                 );
                 paragraph(out, &format!("  {}: ", device.title()), &what)?;
             }

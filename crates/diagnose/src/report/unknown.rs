@@ -37,18 +37,20 @@ pub(super) fn unknown(report: &DiagnoseReport, answers: bool) -> Vec<String> {
     if cyclic.is_some() && report.clock.is_none() {
         all.push("what time the reference clock had: no FRMW or ARMW of 0x0910 is in the capture");
     }
+    let measured = |device: &super::DeviceReport| device.distance.is_some();
+    let any_measured = devices.iter().any(measured);
     let by_clock = cyclic.is_some_and(|cycle| cycle.by_clock.is_some());
-    if cyclic.is_some() && sync && report.clock.is_some() && !by_clock {
+    if cyclic.is_some() && sync && report.clock.is_some() && !by_clock && !any_measured {
         all.push(
             "where cyclic frames lie against SYNC0: the reference's time goes in other frames than process data",
         );
     }
-    let measured = |device: &super::DeviceReport| device.distance.is_some();
     let on = |device: &super::DeviceReport| {
         device.sync.last().is_some_and(|sync| sync.assign_activate & 0x0300 == 0x0300)
     };
-    if by_clock && devices.iter().any(|device| on(device) && !measured(device)) {
-        all.push("where frames lie against SYNC0 of some devices: their start time, cycle or delay is not in the capture, or their process data do not go in the frame that begins each cycle");
+    let some = by_clock || any_measured;
+    if some && devices.iter().any(|device| on(device) && !measured(device)) {
+        all.push("where frames lie against SYNC0 of some devices: their start time, cycle or delay is not in the capture, or no frame has their process data in a rhythm with it");
     }
     if answers && !devices.is_empty() && devices.iter().all(|device| device.error_readings == 0) {
         all.push(CABLES);

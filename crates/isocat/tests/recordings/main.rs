@@ -6,6 +6,7 @@ mod diagnose_accuracy;
 mod diagnose_bad_input;
 mod diagnose_claims;
 mod diagnose_forms;
+mod diagnose_rhythms;
 mod pages;
 mod record;
 mod recording;

@@ -275,6 +275,9 @@ pub struct Distance {
     pub grid: Grid,
     /// How much later a frame arrives here than at the reference (0x0928), ns.
     pub delay_ns: i64,
+    /// How inaccurate these figures are, ns, where frames have no drift datagram, so that stamps
+    /// of the capture have a share in them; else 0.
+    pub within_ns: i64,
     /// Frames drift through the cycle: the MainDevice does not follow the reference clock.
     pub slides: bool,
 }

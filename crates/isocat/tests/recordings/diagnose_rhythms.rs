@@ -1,0 +1,121 @@
+//! Captures of segments whose devices have cycles of several lengths, without their file: healthy
+//! ones, and such with one late, lost or left-out frame.
+
+use std::time::Duration;
+
+use isocat::capture::Capture;
+use isocat::diagnose::report::VerdictKind;
+use isocat::diagnose::{DiagnoseReport, Diagnosis, Names};
+use isocat::reading::Reading;
+use isocat::{Scenario, SegmentFile};
+
+/// The capture of a run, and whether the run was in sync. `slower`: each drive's cycle in cycles of
+/// the bus, which are of 1 ms.
+fn ran(slower: &[u32], fault: &str) -> (Vec<u8>, bool) {
+    let mut text = "cycle = \"1ms\"\nfor = \"500ms\"\n".to_owned();
+    for times in slower {
+        text += "[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n";
+        if *times > 1 {
+            text += &format!("cycle = \"{times}ms\"\n");
+        }
+    }
+    if !fault.is_empty() {
+        text += &format!("[[fault]]\nat = \"in-operation + 200ms\"\nwhat = \"{fault}\"\n");
+    }
+    let file = SegmentFile::parse("rhythms.toml", &text).expect("a segment");
+    let mut capture = Vec::new();
+    let tap = Capture::new(&mut capture).expect("a Vec takes everything");
+    let outcome = Scenario::from(file).run().execute(Some(tap), &mut |_| {});
+    let in_sync = outcome.in_sync();
+    outcome.world.into_tap().expect("the tap").finish().expect("a Vec takes everything");
+    (capture, in_sync)
+}
+
+fn diagnosed(capture: &[u8]) -> DiagnoseReport {
+    let mut diagnosis = Diagnosis::new();
+    diagnosis.read("rhythms.pcapng", capture).expect("a capture");
+    diagnosis.report(&Names::default()).expect("EtherCAT")
+}
+
+/// The capture with other stamps, made of the number of the frame and its stamp, in the order of the
+/// frames.
+fn stamped(capture: &[u8], stamp: impl Fn(u64, Duration) -> Duration) -> Vec<u8> {
+    let mut other = Capture::new(Vec::new()).expect("a Vec takes everything");
+    let mut last = Duration::ZERO;
+    for frame in Reading::of(capture).expect("a capture").frames {
+        last = last.max(stamp(frame.number as u64, frame.at));
+        other.write(last, frame.sent == Some(true), &frame.bytes);
+    }
+    other.finish().expect("a Vec takes everything")
+}
+
+/// Drives with a cycle of their own have frames of their own, of which some hold no time of the
+/// reference: then the stamps tell it.
+#[test]
+fn healthy_segments_of_all_ratios_are_in_sync() {
+    for slower in [
+        &[2][..],
+        &[4],
+        &[1, 2],
+        &[2, 1],
+        &[2, 2],
+        &[1, 4],
+        &[4, 1],
+        &[2, 4],
+        &[8, 1, 2],
+        &[1, 2, 4, 8],
+    ] {
+        let (capture, in_sync) = ran(slower, "");
+        assert!(in_sync, "{slower:?}");
+        let report = diagnosed(&capture);
+        assert_eq!(report.verdict.kind, VerdictKind::InSync, "{slower:?}\n{}", report.text());
+        for (device, times) in report.devices.iter().zip(slower) {
+            let distance = device.distance.as_ref().expect("measured");
+            let cycle = u64::from(*times) * 1_000_000;
+            assert_eq!(distance.cycle_ns, cycle, "{slower:?}");
+            // Half a second, and the time from OP of the last one on.
+            let frames = 500_000_000 / cycle;
+            assert!((frames..frames + 30).contains(&distance.frames), "{slower:?}: {distance:?}");
+        }
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_slower_drive_is_found() {
+    for slower in [&[2][..], &[1, 2], &[2, 1], &[4, 1], &[2, 4]] {
+        for (fault, found) in [
+            ("late-wake-ups 100us for 4ms", false),
+            ("late-wake-ups 900us for 4ms", true),
+            ("late-wake-ups 2100us for 4ms", true),
+            ("drop 4", true),
+            ("stall 9ms", true),
+        ] {
+            let (capture, in_sync) = ran(slower, fault);
+            assert_eq!(in_sync, !found, "{slower:?} {fault}");
+            let report = diagnosed(&capture);
+            let wanted = if found { VerdictKind::Found } else { VerdictKind::InSync };
+            assert_eq!(report.verdict.kind, wanted, "{slower:?} {fault}\n{}", report.text());
+        }
+    }
+}
+
+/// Stamps that are no better than the cycle tell nothing about frames without the reference's time:
+/// neither that they came in time nor that they did not.
+#[test]
+fn coarse_stamps_leave_slower_drives_unknown() {
+    let (capture, _) = ran(&[1, 2], "");
+    let coarse = |_, at: Duration| Duration::from_millis(at.as_millis() as u64);
+    let uneven = |number, at| at + Duration::from_nanos(number * 7_919 % 300_000);
+    let report = diagnosed(&stamped(&capture, coarse));
+    assert_eq!(report.verdict.kind, VerdictKind::NothingFound, "{}", report.text());
+    let report = diagnosed(&stamped(&capture, uneven));
+    assert_eq!(report.verdict.kind, VerdictKind::NothingFound, "{}", report.text());
+    let [fast, slow] = [0, 1].map(|at| report.devices[at].distance.is_some());
+    assert_eq!((fast, slow), (true, false));
+    // As a program on a machine takes them.
+    let usual = |number, at| at + Duration::from_nanos(number * 7_919 % 20_000);
+    let report = diagnosed(&stamped(&capture, usual));
+    assert_eq!(report.verdict.kind, VerdictKind::InSync, "{}", report.text());
+    let within = report.devices[1].distance.as_ref().map(|distance| distance.within_ns);
+    assert!(within.is_some_and(|ns| (1_000..45_000).contains(&ns)), "{within:?}");
+}

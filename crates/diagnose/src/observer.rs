@@ -226,13 +226,14 @@ impl Observer {
             }
             let cyclic = Cyclic {
                 number: frame,
+                at_ns,
                 len: first.bytes.len(),
                 time: known,
                 by_stamps: time.is_none(),
                 begins: begins.is_some(),
                 logical: &logical,
             };
-            let told = |grid, ns| onlooker(Measured::Distance { at_ns, grid, ns });
+            let told = |at_ns, grid, ns| onlooker(Measured::Distance { at_ns, grid, ns });
             self.phases.cyclic(&self.feeds, cyclic, told);
         }
     }

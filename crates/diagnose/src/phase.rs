@@ -16,6 +16,7 @@ use isocat_wire::frame;
 use isocat_wire::time::Picos;
 
 pub(crate) use self::distance::Distance;
+use self::distance::{Rate, Sample};
 pub(crate) use crate::measured::Grid;
 
 impl Grid {
@@ -45,6 +46,8 @@ pub(crate) struct Feed {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cyclic<'a> {
     pub number: usize,
+    /// By the stamps, ns from the first frame.
+    pub at_ns: u64,
     /// Its length without the check sequence, bytes.
     pub len: usize,
     /// The reference's system time when its first bit came there, ns.
@@ -70,79 +73,72 @@ impl Cyclic<'_> {
 #[derive(Clone, Debug)]
 struct Phase {
     feed: Feed,
-    /// The first frames, before it is known how often they come in a cycle of SYNC0: the system
-    /// time at the end of each, and its number.
-    early: Vec<(u64, usize)>,
+    /// The first frames, before their rate is known.
+    early: Vec<Sample>,
     distance: Option<Distance>,
-    /// They come neither once in some cycles of SYNC0 nor several times in each.
-    irregular: bool,
     frames: u64,
+    /// System times of the first and the last one, ns.
     first: u64,
     last: u64,
     by_stamps: bool,
 }
 
 impl Phase {
-    fn new(feed: Feed, end: u64) -> Self {
+    fn new(feed: Feed, first: u64) -> Self {
         Self {
             feed,
             early: Vec::with_capacity(EARLY),
             distance: None,
-            irregular: false,
             frames: 0,
-            first: end,
-            last: end,
+            first,
+            last: first,
             by_stamps: false,
         }
     }
 
-    /// Takes the next frame, which takes `frame_ns` from its first bit to its last, and whose last bit
-    /// was at the reference at the system time `end`. Calls `told` with each distance that is known
-    /// from now on.
-    fn push(&mut self, end: u64, frame_ns: i64, frame: usize, mut told: impl FnMut(i64)) {
+    /// Takes the next frame. Calls `told` with each distance that is known from now on.
+    fn push(&mut self, sample: Sample, mut told: impl FnMut(Sample, i64)) {
         self.frames += 1;
-        self.last = end;
-        if self.irregular {
-            return;
-        }
+        self.last = sample.end;
         if let Some(distance) = &mut self.distance {
-            distance.frame_ns = frame_ns;
-            distance.push(end, frame).into_iter().for_each(told);
-            return;
+            return distance.push(sample, told);
         }
-        self.early.push((end, frame));
+        self.early.push(sample);
         if self.early.len() < EARLY {
             return;
         }
-        let early = std::mem::take(&mut self.early);
+        self.distance = self.rate().and_then(|rate| Distance::new(self.feed.grid, rate));
+        match &mut self.distance {
+            Some(distance) => {
+                self.early.drain(..).for_each(|sample| distance.push(sample, &mut told));
+            }
+            // Frames may come evenly from some later one on.
+            None => drop(self.early.drain(..EARLY / 2)),
+        }
+    }
+
+    /// The rate of the first frames; `None`: they come neither once in some cycles of SYNC0 nor
+    /// several times in each.
+    fn rate(&self) -> Option<Rate> {
         let mut intervals: Vec<u64> =
-            early.windows(2).map(|pair| pair[1].0.wrapping_sub(pair[0].0)).collect();
+            self.early.windows(2).map(|pair| pair[1].end.wrapping_sub(pair[0].end)).collect();
         intervals.sort_unstable();
         let cycle = self.feed.grid.cycle;
-        let times = times(cycle, intervals[intervals.len() / 2]);
-        self.irregular = cycle % times != 0;
-        if self.irregular {
-            return;
-        }
-        let mut distance = Distance::new(self.feed.grid, cycle / times, frame_ns);
-        for (end, frame) in early {
-            distance.push(end, frame).into_iter().for_each(&mut told);
-        }
-        self.distance = Some(distance);
+        // Where some are missing the one tells it, and where they are uneven the other.
+        let median = intervals[intervals.len() / 2];
+        let sum = intervals.iter().fold(0_u64, |sum, interval| sum.saturating_add(*interval));
+        let mean = sum / intervals.len() as u64;
+        let all = [median, mean].map(|interval| (Rate::of(cycle, interval), interval));
+        let fit = all.into_iter().find(|(rate, interval)| rate.fits(cycle, *interval));
+        fit.map(|(rate, _)| rate)
     }
 
     /// The distances, if frames came all the time as often as at first.
     fn distance(&self) -> Option<&Distance> {
         let mean = self.last.wrapping_sub(self.first) / self.frames.saturating_sub(1).max(1);
-        let cycle = self.feed.grid.cycle;
         let distance = self.distance.as_ref().filter(|distance| distance.count > 0)?;
-        (cycle / times(cycle, mean) == distance.step).then_some(distance)
+        (Rate::of(self.feed.grid.cycle, mean) == distance.rate()).then_some(distance)
     }
-}
-
-/// How often frames that are `interval` apart come in a cycle of SYNC0, at least once.
-fn times(cycle: u64, interval: u64) -> u64 {
-    ((cycle + interval / 2) / interval.max(1)).max(1)
 }
 
 /// The distances of all feeds since operation began.
@@ -154,22 +150,28 @@ pub(crate) struct Phases {
     /// The place of that feed.
     trailed: Option<usize>,
     /// The reference's system time at the first frame, ns.
-    since: Option<u64>,
+    began: Option<u64>,
 }
 
 impl Phases {
-    /// Takes a frame with process data. Calls `told` with the distance to each grid.
-    pub fn cyclic(&mut self, feeds: &[Feed], frame: Cyclic<'_>, mut told: impl FnMut(Grid, i64)) {
-        let frame_ns = frame::duration_ns(frame.len);
-        let end = frame.time.wrapping_add(frame_ns);
-        let since = frame.time.wrapping_sub(*self.since.get_or_insert(frame.time));
+    /// Takes a frame with process data. Calls `told` with instants by the stamps and distances to
+    /// grids, of this frame or earlier ones.
+    pub fn cyclic(&mut self, feeds: &[Feed], frame: Cyclic<'_>, mut told: impl FnMut(u64, Grid, i64)) {
+        let duration = frame::duration_ns(frame.len);
+        let sample = Sample {
+            number: frame.number,
+            at_ns: frame.at_ns,
+            end: frame.time.wrapping_add(duration),
+            duration: duration as i64,
+        };
+        let began = *self.began.get_or_insert(sample.end);
         for feed in feeds.iter().filter(|feed| frame.is_of(feed)) {
             let known = self.all.iter().position(|phase| phase.feed == *feed);
             if known.is_none() && self.all.len() >= MOST_GRIDS {
                 continue;
             }
             let place = known.unwrap_or_else(|| {
-                self.all.push(Phase::new(feed.clone(), end));
+                self.all.push(Phase::new(feed.clone(), sample.end));
                 self.all.len() - 1
             });
             let shorter = |trailed: usize| feed.grid.cycle < self.all[trailed].feed.grid.cycle;
@@ -181,13 +183,14 @@ impl Phases {
             let first = self.all.iter().position(|phase| phase.feed.grid == feed.grid);
             let phase = &mut self.all[place];
             phase.by_stamps |= frame.by_stamps;
-            phase.push(end, frame_ns as i64, frame.number, |ns| {
+            phase.push(sample, |sample, ns| {
                 if self.trailed == Some(place) {
+                    let since = sample.end.wrapping_sub(began);
                     // A frame that comes later is nearer to SYNC0.
                     self.trail.take(since.saturating_mul(1_000), Picos(-ns * 1_000));
                 }
                 if first == Some(place) {
-                    told(feed.grid, ns);
+                    told(sample.at_ns, feed.grid, ns);
                 }
             });
         }
@@ -226,8 +229,8 @@ mod tests {
         let mut phases = Phases::default();
         for (number, time) in times.enumerate() {
             let (by_stamps, begins) = (false, true);
-            let frame = Cyclic { number, len: 60, time, by_stamps, begins, logical: &[] };
-            phases.cyclic(&feeds, frame, |_, _| {});
+            let frame = Cyclic { number, at_ns: time, len: 60, time, by_stamps, begins, logical: &[] };
+            phases.cyclic(&feeds, frame, |_, _, _| {});
         }
         phases.of(&feeds[0]).map(|(distance, _)| distance.clone())
     }
@@ -357,8 +360,8 @@ mod tests {
             let time = number as u64 * 1_000_000 + 700_000;
             let by_stamps = place == 5;
             let logical = &[0, place];
-            let frame = Cyclic { number, len: 60, time, by_stamps, begins: false, logical };
-            phases.cyclic(&feeds, frame, |_, _| {});
+            let frame = Cyclic { number, at_ns: time, len: 60, time, by_stamps, begins: false, logical };
+            phases.cyclic(&feeds, frame, |_, _, _| {});
         }
         let duration = frame::duration_ns(60) as i64;
         let found = feeds.each_ref().map(|feed| phases.of(feed).expect("measured"));
@@ -366,5 +369,43 @@ mod tests {
         let values = found.map(|(distance, _)| distance.longest.value + duration);
         assert_eq!(values, [1_300_000, 300_000]);
         assert_eq!(found.map(|(_, by_stamps)| by_stamps), [false, true]);
+    }
+
+    /// How late each of some frames is, in tenths of a cycle; they are sent half a cycle before SYNC0.
+    #[test]
+    fn a_frame_that_passes_sync0_leaves_a_gap_behind() {
+        let grid = Grid::new(1_000_000, 0).expect("a cycle");
+        let outside = |late: &[u64], skipped: u64| {
+            // The first one fifty cycles on; behind the last one `skipped` cycles have no frame.
+            let at = |frame: u64| {
+                let index = usize::try_from(frame - 50).ok();
+                let by = index.and_then(|index| late.get(index)).copied().unwrap_or(0);
+                let more = if frame >= 50 + late.len() as u64 { skipped } else { 0 };
+                (frame + more) * 1_000_000 + 500_000 + by * 100_000
+            };
+            let times = (0..50).map(|frame| frame * 1_000_000 + 500_000);
+            let times = times.chain((50..200).map(at));
+            let distance = measured(grid, times).expect("measured");
+            (distance.outside, distance.slides())
+        };
+        let none = (0, false);
+        for late in 0..=4 {
+            assert_eq!(outside(&[late], 0), none, "{late}");
+        }
+        for late in 5..=9 {
+            assert_eq!(outside(&[late], 0), (1, false), "{late}");
+        }
+        // Sent together with the next one, or behind it.
+        assert_eq!(outside(&[11, 2], 0), (1, false));
+        assert_eq!(outside(&[19, 10], 0), (2, false));
+        // Frames as uneven as can be that pass nothing.
+        assert_eq!(outside(&[4, 0, 4, 0, 3, 4, 0], 0), none);
+        // A frame left out is no late one, nor are those behind it.
+        for skipped in 1..5 {
+            assert_eq!(outside(&[], skipped), none, "{skipped}");
+            assert_eq!(outside(&[4], skipped), none, "{skipped}");
+        }
+        // A stall: of three frames one is left out, and the other two come between two pulses.
+        assert_eq!(outside(&[22, 13], 1), (1, false));
     }
 }

@@ -3,13 +3,66 @@
 use super::Grid;
 use crate::known::Known;
 
+/// A frame at the reference clock.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sample {
+    pub number: usize,
+    /// By the stamps, ns from the first frame.
+    pub at_ns: u64,
+    /// System time of its last bit, ns.
+    pub end: u64,
+    /// From its first bit to its last, ns.
+    pub duration: i64,
+}
+
+/// How frames lie among the pulses of SYNC0 when all is well.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Rate {
+    /// Frames in a cycle of SYNC0.
+    frames: u64,
+    /// Cycles of SYNC0 from one frame to the next; this or the other is 1.
+    cycles: u64,
+}
+
+impl Rate {
+    /// The rate of frames that are `interval` apart.
+    pub fn of(cycle: u64, interval: u64) -> Self {
+        let whole = |long: u64, short: u64| (long.saturating_add(short / 2) / short.max(1)).max(1);
+        Self { frames: whole(cycle, interval), cycles: whole(interval, cycle) }
+    }
+
+    /// Whether frames with this rate are `interval` apart, to an eighth of the shorter cycle.
+    pub fn fits(self, cycle: u64, interval: u64) -> bool {
+        let all = [interval.saturating_mul(self.frames), cycle.saturating_mul(self.cycles)];
+        let most = self.frames * interval.min(cycle) / 8;
+        cycle.is_multiple_of(self.frames) && all[0].abs_diff(all[1]) <= most
+    }
+}
+
+/// A frame with too many or too few pulses before it.
+#[derive(Clone, Copy, Debug)]
+struct Open {
+    /// By how many pulses too many.
+    by: i64,
+    /// The time since the last frame that was in its place, ns.
+    since: u64,
+    /// Frames since that one.
+    frames: u64,
+}
+
 /// From the end of cyclic frames at the reference clock to the next SYNC0 of a grid. Where frames
 /// come several times in a cycle of SYNC0, those that are meant to come last before it.
+///
+/// Between two pulses there is one frame, or as many as the rate says. A frame that passes a pulse
+/// leaves one behind without any, and the next one follows it before the next pulse. That is so
+/// however unevenly frames come, and needs no guess where one belongs.
 #[derive(Clone, Debug)]
 pub(crate) struct Distance {
     pub grid: Grid,
-    /// The time from one frame to the next, ns: the cycle of SYNC0, or a whole fraction of it.
-    pub step: u64,
+    rate: Rate,
+    /// The pulses among which frames lie, ns: of SYNC0, or where its cycle has several frames as
+    /// many as these.
+    step: Grid,
     /// From the first bit of the last one to its last bit, ns.
     pub frame_ns: i64,
     /// Frames that were measured.
@@ -21,15 +74,12 @@ pub(crate) struct Distance {
     /// The first and the last distance.
     pub first: Known<i64>,
     pub last: Known<i64>,
-    /// The distance of the last frame to the end of its step, ns, and the system time at its end.
-    taken: Option<(i64, u64)>,
-    /// Frames after the first one, with those that are not meant for SYNC0.
-    seen: u64,
-    /// Where punctual frames lay last: a moving mean that follows early frames sooner than late
-    /// ones.
-    recent: i64,
-    /// Where frames have been for a long time.
-    home: i64,
+    /// The last frame.
+    before: Option<Sample>,
+    /// It is out of place: the next one tells what it was.
+    open: Option<Open>,
+    /// By how many pulses frames have moved past those before which they were at first.
+    turns: i64,
     /// Frames whose distance was below 0 or not below the cycle, and the first of them.
     pub outside: u64,
     pub first_outside: Option<Known<i64>>,
@@ -50,7 +100,9 @@ struct Course {
     filled: u64,
 }
 
-/// Frames after which it is known where punctual ones lie.
+/// Pulses that frames may miss, or move past.
+const MOST_PULSES: i64 = 1 << 24;
+/// Frames of the last part of a course from which on it counts.
 const LEARNING: u64 = 32;
 /// Parts of a course.
 const PARTS: usize = 16;
@@ -93,83 +145,118 @@ impl Course {
 }
 
 impl Distance {
-    /// `step`: a whole fraction of the cycle of `grid`.
-    pub fn new(grid: Grid, step: u64, frame_ns: i64) -> Self {
+    /// `None`: the rate doesn't divide the cycle.
+    pub(super) fn new(grid: Grid, rate: Rate) -> Option<Self> {
         let none = Known { value: 0, frame: 0 };
-        Self {
+        let step = grid.cycle / rate.frames;
+        Some(Self {
             grid,
-            step,
-            frame_ns,
+            rate,
+            step: Grid { cycle: step, phase: grid.phase.checked_rem(step)? },
+            frame_ns: 0,
             count: 0,
             shortest: none,
             longest: none,
             first: none,
             last: none,
-            taken: None,
-            seen: 0,
-            recent: 0,
-            home: 0,
+            before: None,
+            open: None,
+            turns: 0,
             outside: 0,
             first_outside: None,
             sum: 0,
             course: Course::default(),
+        })
+    }
+
+    pub(super) fn rate(&self) -> Rate {
+        self.rate
+    }
+
+    /// Takes one more frame. Calls `told` with each distance that is known from now on, which is
+    /// that of the frame before where that one was out of place.
+    pub(super) fn push(&mut self, sample: Sample, mut told: impl FnMut(Sample, i64)) {
+        self.frame_ns = sample.duration;
+        let Some(before) = self.before.replace(sample) else {
+            return self.take(sample, 0, &mut told);
+        };
+        let since = sample.end.wrapping_sub(before.end);
+        let passed = self.pulse(sample.end) - self.pulse(before.end);
+        let more = passed - i128::from(self.rate.cycles);
+        let Some(more) = i64::try_from(more).ok().filter(|more| more.abs() <= MOST_PULSES) else {
+            // The clock was set.
+            self.open = None;
+            return self.take(sample, 0, &mut told);
+        };
+        let mut out = Open { by: more, since, frames: 1 };
+        if let Some(open) = self.open.take() {
+            self.close(before, open, more, &mut told);
+            // Of several pulses, this frame makes up for some.
+            if open.by.signum() == -more.signum() {
+                let (since, frames) = (open.since.saturating_add(since), open.frames + 1);
+                out = Open { by: open.by + more, since, frames };
+            }
+        }
+        match out.by {
+            0 => self.take(sample, 0, &mut told),
+            _ => self.open = Some(out),
         }
     }
 
-    /// Takes one more frame, whose last bit was at the reference at the system time `end`; returns
-    /// its distance unwrapped, as a continuation of those before. `None`: the next frame is the one
-    /// for this SYNC0.
-    pub fn push(&mut self, end: u64, frame: usize) -> Option<i64> {
-        let fine = Grid { cycle: self.step, phase: self.grid.phase % self.step };
-        let ns = self.unwrapped(fine.ahead(end) as i64, end);
-        // SYNC0 comes at some ends of a step only.
-        if end.wrapping_add_signed(ns) % self.grid.cycle != self.grid.phase {
-            return None;
+    /// The number of the last pulse before an instant. A frame that ends with a pulse came before it.
+    fn pulse(&self, at: u64) -> i128 {
+        (i128::from(at) - i128::from(self.step.phase) - 1).div_euclid(self.step.cycle.into())
+    }
+
+    /// Decides what a frame out of place was. `more`: by how many pulses too many the next frame
+    /// came behind it.
+    fn close(
+        &mut self,
+        sample: Sample,
+        open: Open,
+        more: i64,
+        told: &mut impl FnMut(Sample, i64),
+    ) {
+        let Open { by, since, frames } = open;
+        let usual = frames.saturating_mul(self.rate.cycles).saturating_mul(self.step.cycle);
+        let half = self.step.cycle / 2;
+        match (by > 0, more.signum()) {
+            // The next one is where it should be: this one alone was late, or early.
+            (true, -1) => self.take(sample, -by.min(-more), told),
+            (false, 1) => self.take(sample, (-by).min(more), told),
+            // It stays so. One that came soon after the one before has moved past the pulse.
+            (true, _) if since < usual + half => {
+                self.turn(by);
+                self.take(sample, 0, told);
+            }
+            (false, _) if since > usual - half.min(usual) => {
+                self.turn(by);
+                self.take(sample, 0, told);
+            }
+            // Frames before it are missing.
+            (true, _) => self.take(sample, 0, told),
+            // It is one too many.
+            (false, _) => {}
         }
-        self.take(Known { value: ns, frame });
-        Some(ns)
     }
 
-    /// A distance that continues the ones before: below 0 and beyond the step where frames move
-    /// past the ends of steps.
-    fn unwrapped(&mut self, ns: i64, end: u64) -> i64 {
-        let cycle = self.step as i64;
-        let Some((last, then)) = self.taken.replace((ns, end)) else {
-            self.recent = ns;
-            self.home = ns;
-            return ns;
-        };
-        // Takes the value nearest to the last few distances, so that frames that drift through the
-        // cycle have continuous values. Hosts tend to be late rather than early: a frame counts as
-        // late by at most three quarters of a cycle, or as early by at most one quarter.
-        let near = |early: i64| ns + (self.recent - ns + early).div_euclid(cycle) * cycle;
-        // The first ones may have been late themselves. And after a time in which all were late, a
-        // frame where they have always been is punctual again.
-        let back = near(cycle / 2);
-        let is_home = (back - self.home).abs() < cycle / 8;
-        // The frame of the next cycle comes as much sooner or later behind the one before as it is
-        // more or less late. That tells where it is after long lateness, too, but is no proof that
-        // it passed SYNC0.
-        let next = i64::try_from(end.wrapping_sub(then))
-            .ok()
-            .filter(|since| (cycle / 4..=cycle + cycle / 32).contains(since));
-        let next = next.map(|since| last + cycle - since);
-        let next = next.filter(|next| (0..cycle).contains(next) && (ns - next).abs() < cycle / 32);
-        self.seen += 1;
-        let ns = match next {
-            Some(_) => ns,
-            None if self.seen < LEARNING || is_home => back,
-            None => near(cycle / 4),
-        };
-        // The punctual ones tell where frames belong, also after many late ones.
-        self.recent += (ns - self.recent) / if ns > self.recent { 4 } else { 32 };
-        let weight = if self.seen < LEARNING { 4 } else { 1024 };
-        self.home += (ns - self.home) / weight;
-        self.taken = Some((ns, end));
-        ns
+    fn turn(&mut self, by: i64) {
+        self.turns = (self.turns - by).clamp(-MOST_PULSES, MOST_PULSES);
     }
 
-    fn take(&mut self, known: Known<i64>) {
+    /// Takes the distance of a frame that is alone `early` pulses before where it should be.
+    fn take(&mut self, sample: Sample, early: i64, told: &mut impl FnMut(Sample, i64)) {
+        let ahead = self.step.ahead(sample.end) as i64;
+        let ns = ahead + (self.turns + early) * self.step.cycle as i64;
+        // SYNC0 comes at some of the pulses only: the next frame may be the one for it.
+        if sample.end.wrapping_add_signed(ns) % self.grid.cycle != self.grid.phase {
+            return;
+        }
+        told(sample, ns);
+        self.keep(Known { value: ns, frame: sample.number });
+    }
+
+    fn keep(&mut self, known: Known<i64>) {
         let ns = known.value;
         if self.count == 0 {
             (self.first, self.shortest, self.longest) = (known, known, known);
@@ -207,7 +294,7 @@ impl Distance {
     /// the reference clock.
     pub fn slides(&self) -> bool {
         let way = self.last.value - self.first.value;
-        way.abs() > self.step as i64 / 2 && self.course.is_steady()
+        way.abs() > self.step.cycle as i64 / 2 && self.course.is_steady()
     }
 
     /// The mean, ns.

@@ -58,6 +58,7 @@ pub(super) async fn converge(
         let way = Way { pace: pace.settled(), tried: false, end, beside };
         led = lead(link, config, segment, reference, way, &noise).await?;
     }
+    link.board(|board| board.statistics.drift_burst = board.statistics.drift_frames);
     if let Led::Not { device, slope_ppb } = led {
         let device = &segment.devices[device];
         return Err(Cause::Drift {
@@ -75,7 +76,6 @@ pub(super) async fn converge(
         // since then: over a whole cycle that is little, as it is with all others.
         link.sleep(config.cycle).await;
     }
-    link.board(|board| board.statistics.drift_burst = board.statistics.drift_frames);
     Ok(())
 }
 
@@ -115,7 +115,8 @@ struct Way<'a> {
     pace: Pace,
     /// Whether it also ends when a clock is seen to be far off at the end of the pace.
     tried: bool,
-    /// When it ends at the latest.
+    /// When it ends at the latest. The last try ends only when nothing runs beside it any more: a
+    /// mailbox may take longer than clocks may.
     end: Time<Host>,
     /// Whether other procedures run beside it. Until they end, clocks are driven even if all have
     /// converged.
@@ -158,6 +159,8 @@ async fn lead(
     let window = Nanos(interval.0 * READINGS);
     // Earlier readings would only show that the clocks still move.
     let (mut converged, mut are_near) = (false, false);
+    // While others have the wire, clocks get few frames: some time must be left without them.
+    let mut alone = None;
     let mut next_reading = (begin + interval).max(learned + Nanos(-window.0));
     loop {
         // While others have the wire, clocks that have converged are read seldom.
@@ -206,7 +209,14 @@ async fn lead(
             burst.finish().await?;
             return Ok(Led::Far);
         }
-        if link.now() >= end {
+        let last = match tried || !beside.load(Ordering::Relaxed) {
+            true => end.max(*alone.get_or_insert(end)),
+            false => {
+                alone = Some(link.now() + HURRY);
+                continue;
+            }
+        };
+        if link.now() >= last {
             burst.finish().await?;
             let (device, slope_ppb) = worst(&clocks, &judged, segment);
             return Ok(Led::Not { device, slope_ppb });
@@ -295,7 +305,7 @@ fn worst(
             _ => None,
         })
         .max_by_key(|(device, _)| segment.devices[*device].difference.map(Nanos::abs))
-        .unwrap_or((0, 0))
+        .unwrap_or((clocks.first().map_or(0, |(device, _)| *device), 0))
 }
 
 /// Waits until a clock has converged. The drift datagrams of the cycle drive it, and additional

@@ -117,8 +117,14 @@ pub fn diagnose(
     }
     let of_segment = |finding| of_segment(finding, report);
     all.extend(report.findings.iter().filter(|f| f.position.is_none()).map(of_segment));
-    // Those with a cause first: the others may follow from them.
-    all.sort_by_key(|diagnosis| diagnosis.causes.is_empty());
+    // Those with a cause first: the others may follow from them, and all from a silence.
+    let silence = report.findings.first().filter(|first| {
+        matches!(first.kind, Kind::Judged(Judged::NothingCameBack { .. }))
+    });
+    let is_silence = |diagnosis: &Diagnosis| {
+        diagnosis.position.is_none() && silence.is_some_and(|first| first.what == diagnosis.what)
+    };
+    all.sort_by_key(|diagnosis| (!is_silence(diagnosis), diagnosis.causes.is_empty()));
     all
 }
 
@@ -127,6 +133,16 @@ fn of_segment(finding: &crate::report::Finding, report: &Report) -> Diagnosis {
         Kind::Judged(Judged::CyclesSkipped { .. }) => (
             &["The machine that the MainDevice runs on came later than a whole cycle."],
             &["isocat run --preflight tells what on a machine harms punctuality", "a longer cycle"],
+        ),
+        Kind::Judged(Judged::NothingCameBack { .. }) => (
+            &[
+                "Nothing came back at all: the first cable, the MainDevice's port, or the power of the first SubDevice. \
+                 Or one way of a cable further on, whose ends kept their links: then frames are lost behind it.",
+            ],
+            &[
+                "look whether the MainDevice's port has a link, and the lamp at the first SubDevice's port IN",
+                "isocat diagnose of a capture tells the first frame without an answer",
+            ],
         ),
         Kind::Judged(Judged::FramesLost { .. }) => (
             &["Frames were lost on the wire: a bad cable or connector, a SubDevice without power."],
@@ -434,7 +450,8 @@ impl Case<'_> {
             matches!(
                 kind,
                 Kind::Judged(
-                    Judged::FramesLost { .. }
+                    Judged::NothingCameBack { .. }
+                        | Judged::FramesLost { .. }
                         | Judged::AnswersLate { .. }
                         | Judged::CyclesSkipped { .. }
                 )

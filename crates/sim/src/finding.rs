@@ -259,6 +259,13 @@ kinds! {
             /// Number of cycles.
             cycles: u64,
         },
+        /// Frames left, and none came back for a while.
+        NothingCameBack = "nothing-came-back" {
+            /// How long, the longest time.
+            lasted: Nanos,
+            /// Frames that left meanwhile.
+            frames: u64,
+        },
         /// Frames did not come back in time.
         FramesLost = "frames-lost" {
             /// Number of frames.

@@ -54,6 +54,7 @@ pub mod run;
 pub mod sampling;
 pub mod segment;
 pub mod served;
+mod silence;
 pub mod statistics;
 pub mod storage;
 pub mod watcher;

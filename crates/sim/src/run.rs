@@ -14,6 +14,7 @@ use crate::finding::{Finding, Judged, Kind, Place};
 use crate::judge::{Grid, Sync0Error};
 use crate::plant::PlantSetup;
 use crate::plant_bench::PlantBench;
+use crate::silence::{Silence, Silences};
 use crate::world::{Setup, Tap, World};
 
 /// A run: its parts and its duration.
@@ -192,6 +193,8 @@ struct Notes {
     skipped: u64,
     /// Frames that were given up in the judged time, and those that had come late before it.
     missed: u64,
+    /// The longest time in which frames left and none came back.
+    silence: Option<Silence>,
     late_before: u64,
     /// Changes of the segment.
     changes: Vec<Dated>,
@@ -285,8 +288,10 @@ fn run_for<T: Tap>(
     let end = began + duration;
     let before = world.main().statistics();
     let mut told = began;
+    let mut silences = Silences::default();
     while world.step(end) {
         take_events(world, notes);
+        silences.look(world.now(), world.main().counts());
         if let Some(plants) = plants {
             let leader = world.bench.leader();
             let (segment, motion) = world.segment_and_application();
@@ -305,6 +310,7 @@ fn run_for<T: Tap>(
     }
     notes.missed = world.main().statistics().frames_missed() - before.frames_missed();
     notes.late_before = before.frames_late;
+    notes.silence = silences.longest(world.now(), world.main().counts());
 }
 
 fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
@@ -453,7 +459,17 @@ impl<T: Tap> Outcome<T> {
         let datagrams = statistics.working_counter_errors;
         // Some come when the counters are read, behind the judged time.
         let late = (statistics.frames_late - notes.late_before).min(notes.missed);
-        let lost = notes.missed - late;
+        let silent = notes.silence.map_or(0, |silence| silence.frames);
+        let lost = (notes.missed - late).saturating_sub(silent);
+        let silence = notes.silence.map(|silence| Dated {
+            device: None,
+            at: Some(silence.since),
+            kind: Judged::NothingCameBack {
+                lasted: Nanos(silence.lasted.0 / 1_000_000 * 1000),
+                frames: silence.frames,
+            }
+            .into(),
+        });
         let of_segment = [
             (notes.working_counter > 0).then_some(Judged::WorkingCounter { datagrams }),
             (notes.skipped > 0).then_some(Judged::CyclesSkipped { cycles: notes.skipped }),
@@ -465,8 +481,14 @@ impl<T: Tap> Outcome<T> {
             at: None,
             kind: kind.into(),
         }));
-        // The first findings are nearest to the cause; findings without a time come last.
-        findings.sort_by_cached_key(|dated| dated.at.unwrap_or(Time::NEVER).count());
+        findings.splice(..0, silence);
+        // The first findings are nearest to the cause; findings without a time come last. What came
+        // of a silence comes behind it by position, as no instant tells who is nearer to its cause.
+        findings.sort_by_cached_key(|dated| {
+            let at = dated.at.unwrap_or(Time::NEVER);
+            let silence = notes.silence.filter(|silence| silence.contains(at));
+            silence.map_or(at, |silence| silence.since).count()
+        });
         self.findings = findings.into_iter().map(|dated| dated.since(began)).collect();
     }
 

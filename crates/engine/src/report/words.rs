@@ -172,6 +172,9 @@ fn judged(kind: &Judged, family: Family) -> String {
                 format!("{cycles} skipped: the machine woke too late, no frame left in them")
             }
         },
+        Judged::NothingCameBack { lasted, frames } => {
+            format!("no frame came back for {lasted}: {frames} were sent")
+        }
         Judged::FramesLost { frames: 1 } => "1 frame did not come back in time".into(),
         Judged::FramesLost { frames } => format!("{frames} frames did not come back in time"),
         Judged::AnswersLate { frames: 1 } => {

@@ -63,6 +63,7 @@ fn is_true_judgement(kind: &Judged, finding: &Finding, truth: &Truth, limit: Nan
     let error = finding.place.device.and_then(|device| truth.worst_sync0.get(device));
     match kind {
         Judged::FramesLost { .. } => truth.witness.lost > 0 || frames_were_touched,
+        Judged::NothingCameBack { .. } => truth.wires_were_touched() || frames_were_touched,
         Judged::AnswersLate { .. } => frames_were_touched,
         // SubDevices without outputs lose nothing by it.
         Judged::NoAnswer => truth.wires_were_touched(),

@@ -222,12 +222,7 @@ impl Cycle {
     /// Notes the beginning of a cycle by the frame that was just taken apart. `time`: the reference's
     /// system time when the frame arrived there, ns. Returns the time since the previous cycle, ns:
     /// by the stamps and by the reference's clock.
-    pub fn begins(
-        &mut self,
-        at: Duration,
-        time: Option<u64>,
-        frame: usize,
-    ) -> [Option<u64>; 2] {
+    pub fn begins(&mut self, at: Duration, time: Option<u64>, frame: usize) -> [Option<u64>; 2] {
         let by_stamps = self.rhythm.cycle(at, at, frame);
         let by_clock = match time {
             Some(time) => self.by_clock.cycle(Duration::from_nanos(time), at, frame),

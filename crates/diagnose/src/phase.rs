@@ -156,7 +156,12 @@ pub(crate) struct Phases {
 impl Phases {
     /// Takes a frame with process data. Calls `told` with instants by the stamps and distances to
     /// grids, of this frame or earlier ones.
-    pub fn cyclic(&mut self, feeds: &[Feed], frame: Cyclic<'_>, mut told: impl FnMut(u64, Grid, i64)) {
+    pub fn cyclic(
+        &mut self,
+        feeds: &[Feed],
+        frame: Cyclic<'_>,
+        mut told: impl FnMut(u64, Grid, i64),
+    ) {
         let duration = frame::duration_ns(frame.len);
         let sample = Sample {
             number: frame.number,
@@ -229,7 +234,8 @@ mod tests {
         let mut phases = Phases::default();
         for (number, time) in times.enumerate() {
             let (by_stamps, begins) = (false, true);
-            let frame = Cyclic { number, at_ns: time, len: 60, time, by_stamps, begins, logical: &[] };
+            let frame =
+                Cyclic { number, at_ns: time, len: 60, time, by_stamps, begins, logical: &[] };
             phases.cyclic(&feeds, frame, |_, _, _| {});
         }
         phases.of(&feeds[0]).map(|(distance, _)| distance.clone())
@@ -360,7 +366,8 @@ mod tests {
             let time = number as u64 * 1_000_000 + 700_000;
             let by_stamps = place == 5;
             let logical = &[0, place];
-            let frame = Cyclic { number, at_ns: time, len: 60, time, by_stamps, begins: false, logical };
+            let frame =
+                Cyclic { number, at_ns: time, len: 60, time, by_stamps, begins: false, logical };
             phases.cyclic(&feeds, frame, |_, _, _| {});
         }
         let duration = frame::duration_ns(60) as i64;

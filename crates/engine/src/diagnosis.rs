@@ -118,9 +118,10 @@ pub fn diagnose(
     let of_segment = |finding| of_segment(finding, report);
     all.extend(report.findings.iter().filter(|f| f.position.is_none()).map(of_segment));
     // Those with a cause first: the others may follow from them, and all from a silence.
-    let silence = report.findings.first().filter(|first| {
-        matches!(first.kind, Kind::Judged(Judged::NothingCameBack { .. }))
-    });
+    let silence = report
+        .findings
+        .first()
+        .filter(|first| matches!(first.kind, Kind::Judged(Judged::NothingCameBack { .. })));
     let is_silence = |diagnosis: &Diagnosis| {
         diagnosis.position.is_none() && silence.is_some_and(|first| first.what == diagnosis.what)
     };

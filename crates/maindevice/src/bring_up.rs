@@ -22,7 +22,7 @@ use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
 
 use crate::board::Board;
-use crate::config::{Config, DeviceConfig, MeasureTimes, QualityWatch};
+use crate::config::{Config, DeviceConfig, MeasureTimes, QualityWatch, WATCHDOG_TICK};
 use crate::error::{Cause, Error};
 use crate::event::{Event, Stage};
 use crate::hot_connect::Present;
@@ -136,7 +136,7 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     work.enter(Stage::Mapping);
     work.segment.image = mapping::lay_out(&mut work.segment.devices)?;
     let failures = each(config, &mut work.segment, |device| {
-        Box::pin(mapping::write(link, device, config.watchdog))
+        Box::pin(mapping::write(link, device, config.watchdog_of(device.position)))
     })
     .await?;
     leave_out(work, failures).await;
@@ -207,9 +207,7 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
     if config.shift.is_some_and(|shift| shift.0 < 0 || shift >= cycle) {
         return Err(Cause::Setting { name: "shift", expected: "at least 0 and below the cycle" });
     }
-    let ticks = |time: Nanos| {
-        (time.0 % mapping::WATCHDOG_TICK.0 == 0).then_some(time.0 / mapping::WATCHDOG_TICK.0)
-    };
+    let ticks = |time: Nanos| (time.0 % WATCHDOG_TICK.0 == 0).then_some(time.0 / WATCHDOG_TICK.0);
     let range = 1..=i64::from(u16::MAX);
     if config.watchdog.is_some_and(|time| !ticks(time).is_some_and(|n| range.contains(&n))) {
         return Err(Cause::Setting {

@@ -454,12 +454,55 @@ pub struct DeviceConfig {
     /// and so does the segment that [`plan`](crate::plan()) takes. Not for the first SubDevice.
     /// `None`: it must be present.
     pub hot_connect: Option<Box<SubDevice>>,
+    /// Registers of its watchdogs, unless [`Config::watchdog`] sets that of all.
+    pub watchdog: WatchdogRegisters,
     /// SDO downloads in PREOP, in this order, before mode and mapping are read.
     pub startup: Vec<StartupDownload>,
     /// Drive parameters that SoE writes in PREOP, in this order, after the SDO downloads. A device
     /// without SoE but with parameters here fails in bring-up.
     pub parameters: Vec<StartupParameter>,
 }
+
+/// What is written to the registers of the watchdogs; `None`: the chip keeps its own value.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct WatchdogRegisters {
+    /// Register 0x0400, the unit of both times: 40 ns × (this + 2).
+    pub divider: Option<u16>,
+    /// Register 0x0410, the watchdog of the PDI, in these units.
+    pub pdi: Option<u16>,
+    /// Register 0x0420, the watchdog of the process data, in these units; 0: off. Written to a
+    /// SubDevice with outputs.
+    pub process_data: Option<u16>,
+}
+
+impl WatchdogRegisters {
+    /// How long outputs stay valid without new ones; `None`: as long as it takes. What is not
+    /// written is as after power-on.
+    pub fn time(self) -> Option<Nanos> {
+        let unit = 40 * (i64::from(self.divider.unwrap_or(DIVIDER)) + 2);
+        let steps = i64::from(self.process_data.unwrap_or(STEPS));
+        (steps > 0).then_some(Nanos(unit * steps))
+    }
+}
+
+/// Registers 0x0400 and 0x0420 after power-on: 1000 steps of 100 us.
+const DIVIDER: u16 = 2498;
+const STEPS: u16 = 1_000;
+
+impl Config {
+    /// The watchdog registers of the SubDevice at a position.
+    pub(crate) fn watchdog_of(&self, position: usize) -> WatchdogRegisters {
+        let asked = self.watchdog.map(|time| WatchdogRegisters {
+            process_data: Some((time.0 / WATCHDOG_TICK.0) as u16),
+            ..WatchdogRegisters::default()
+        });
+        let own = || self.devices.get(position).map(|device| device.watchdog);
+        asked.or_else(own).unwrap_or_default()
+    }
+}
+
+/// Unit of register 0x0420 by the reset value of register 0x0400.
+pub(crate) const WATCHDOG_TICK: Nanos = Nanos::micros(100);
 
 impl DeviceConfig {
     /// Whether it may be absent.

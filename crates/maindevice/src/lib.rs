@@ -121,7 +121,7 @@ pub use change::SegmentChange;
 pub use config::{
     AssumedTimes, ClockRange, Config, DelayWatch, DeviceConfig, DriftFilters, MeasureTimes,
     MeasuredTimes, QualityWatch, Readmission, Recovery, Ring, StartupDownload, StartupParameter,
-    Survey, Timeouts,
+    Survey, Timeouts, WatchdogRegisters,
 };
 pub use error::{AccessError, Cause, Error, Fault, Place, SdoError, SoeError};
 pub use event::{Event, RequestId, Stage};

@@ -13,6 +13,7 @@ use isocat_wire::sii::{SmRecord, sm_type};
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
 
+use crate::config::WatchdogRegisters;
 use crate::cycle::MOST_CHUNK;
 use crate::error::{Cause, MappingProblem};
 use crate::link::Link;
@@ -145,7 +146,7 @@ pub(crate) fn enough_fmmus(device: &SubDevice) -> Result<(), Cause> {
 pub(crate) async fn write(
     link: &Link,
     device: &SubDevice,
-    watchdog: Option<Nanos>,
+    watchdog: WatchdogRegisters,
 ) -> Result<(), Cause> {
     enough_fmmus(device)?;
     let writes: Vec<_> = writes(device, watchdog)
@@ -159,7 +160,7 @@ pub(crate) async fn write(
 }
 
 /// The registers of the process data: address and bytes, in order.
-pub(crate) fn writes(device: &SubDevice, watchdog: Option<Nanos>) -> Vec<(u16, Vec<u8>)> {
+pub(crate) fn writes(device: &SubDevice, watchdog: WatchdogRegisters) -> Vec<(u16, Vec<u8>)> {
     let directions = [(&device.outputs, Fmmu::WRITE), (&device.inputs, Fmmu::READ)];
     let mut writes = Vec::new();
     let mut next_fmmu = 0;
@@ -175,28 +176,28 @@ pub(crate) fn writes(device: &SubDevice, watchdog: Option<Nanos>) -> Vec<(u16, V
             next_fmmu += 1;
         }
     }
-    if let Some(time) = watchdog.filter(|_| device.outputs.length > 0) {
-        let ticks = (time.0 / WATCHDOG_TICK.0) as u16;
-        writes.push((register::WATCHDOG_TIME_PROCESS_DATA.address, ticks.to_le_bytes().to_vec()));
+    let WatchdogRegisters { divider, pdi, process_data } = watchdog;
+    let registers = [
+        (register::WATCHDOG_DIVIDER, divider),
+        (register::WATCHDOG_TIME_PDI, pdi),
+        (register::WATCHDOG_TIME_PROCESS_DATA, process_data.filter(|_| device.outputs.length > 0)),
+    ];
+    for (register, value) in registers {
+        writes.extend(value.map(|value| (register.address, value.to_le_bytes().to_vec())));
     }
     writes
 }
 
-/// How long outputs stay valid without new ones: the configured time, or the reset value of the
-/// chip; `None` if the SyncManager does not trigger the watchdog.
-pub(crate) fn watchdog(device: &SubDevice, wanted: Option<Nanos>) -> Option<Nanos> {
+/// How long outputs stay valid without new ones; `None` if the SyncManager does not trigger the
+/// watchdog, or it is off.
+pub(crate) fn watchdog(device: &SubDevice, registers: WatchdogRegisters) -> Option<Nanos> {
     let mut guarded = device.outputs.guarded().filter(|guarded| guarded.length > 0);
     let triggers = guarded.any(|guarded| {
         let manager = sync_manager(device, guarded, Fmmu::WRITE);
         manager.control & SyncManager::CONTROL_WATCHDOG != 0
     });
-    triggers.then(|| wanted.unwrap_or(WATCHDOG))
+    registers.time().filter(|_| triggers)
 }
-
-/// Unit of register 0x0420 by the reset value of register 0x0400.
-pub(crate) const WATCHDOG_TICK: Nanos = Nanos::micros(100);
-/// Reset value of register 0x0420: 1000 ticks.
-const WATCHDOG: Nanos = Nanos::millis(100);
 
 /// The settings of a SyncManager: control by the SII, length by the mapping, off without process
 /// data.
@@ -382,7 +383,7 @@ mod tests {
         };
         type Fmmus = Vec<(u16, u16)>;
         let written = |device: &SubDevice| -> (Vec<u16>, Fmmus) {
-            let writes = writes(device, None);
+            let writes = writes(device, WatchdogRegisters::default());
             let managers = writes.iter().filter(|(at, _)| *at >= 0x0800);
             let fmmus = writes.iter().filter(|(at, _)| *at < 0x0800);
             let word = |data: &[u8], at: usize| u16::from_le_bytes([data[at], data[at + 1]]);
@@ -423,8 +424,8 @@ mod tests {
             [(0x64, 0x24, true), (0x24, 0x64, true), (0x24, 0x24, false)]
         {
             device.sii.sync_managers = control(first, second);
-            assert_eq!(watchdog(&device, None).is_some(), triggers);
-            let written: Vec<_> = writes(&device, None);
+            assert_eq!(watchdog(&device, WatchdogRegisters::default()).is_some(), triggers);
+            let written: Vec<_> = writes(&device, WatchdogRegisters::default());
             let sm = |start: u16, length: u8, control| {
                 let [low, high] = start.to_le_bytes();
                 [low, high, length, 0, control, 0, 1, 0].to_vec()

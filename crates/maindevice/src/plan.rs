@@ -113,7 +113,7 @@ pub fn writes(
             comment: "as the configuration has it",
         });
     }
-    for (address, data) in mapping::writes(device, config.watchdog) {
+    for (address, data) in mapping::writes(device, config.watchdog_of(device.position)) {
         all.push(register(address, data, "process data"));
     }
     if segment.reference.is_some() && device.dc.has_clock() {

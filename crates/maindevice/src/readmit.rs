@@ -206,7 +206,7 @@ async fn prepare(
             return Err(Cause::Mapping { place: device.place(), problem });
         }
         still_fits(config, segment, device)?;
-        mapping::write(link, device, config.watchdog).await
+        mapping::write(link, device, config.watchdog_of(device.position)).await
     }
     .await;
     keep(one, result)

@@ -60,10 +60,13 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
             // emptiest.
             demands.inputs_fetched = inputs.then_some(delay - early + times.fetched - times.spread);
             demands.frame_spread = times.spread;
+            let watchdog = config.watchdog_of(device.position);
             if config.watchdog.is_some() {
                 demands.origins.watchdog = Origin::Intent;
+            } else if watchdog.divider.or(watchdog.process_data).is_some() {
+                demands.origins.watchdog = Origin::Esi;
             }
-            demands.watchdog = mapping::watchdog(device, config.watchdog);
+            demands.watchdog = mapping::watchdog(device, watchdog);
             demands.inputs_read = inputs.then_some(delay + detour + times.read);
         }
     }

@@ -86,6 +86,7 @@ use isocat_descriptions::document::section::Words;
 use isocat_descriptions::quantity::Ppb;
 use isocat_descriptions::start_up::Transition;
 use isocat_esc::chip::{Chip, PortKind};
+use isocat_maindevice::WatchdogRegisters;
 use isocat_sim::{Sampling, Unevenness};
 use isocat_subdevice::{Description, Misbehaviours};
 use isocat_sync::{SupportedTypes, SyncMode, SyncParameters, object};
@@ -153,6 +154,8 @@ pub struct Profile {
     /// Largest deviation of its oscillator in either direction, if the maker states it; `None`:
     /// [`CLOCK_TOLERANCE`].
     pub clock_tolerance: Option<Ppb>,
+    /// Registers of its watchdogs that a MainDevice is to write.
+    pub watchdog: WatchdogRegisters,
     /// Synchronization choices as the ESI lists them; the first is the default.
     pub op_modes: Vec<OpMode>,
     /// Downloads at start that the description requests.

@@ -317,6 +317,7 @@ fn device_config(device: &SubDevice, cycle: Nanos) -> DeviceConfig {
             .iter()
             .map(|one| parameter(one, device.cycle.unwrap_or(cycle)))
             .collect(),
+        watchdog: profile.watchdog,
         hot_connect: None,
     }
 }

@@ -11,6 +11,7 @@ use super::mailbox::{self, EsiMailbox, PROTOCOLS};
 use super::modules::EsiModule;
 use super::pdo::{self, Direction, EsiPdo};
 use super::read::{self, U16, U32, cut};
+use super::registers::{self, EsiRegisters};
 use super::slots::{self, EsiSlots};
 use super::sync_manager::{self, EsiSyncManager, Purpose};
 use super::tree::{Element, Problem};
@@ -61,6 +62,8 @@ pub struct EsiDevice {
     /// The fitted modules, whose PDOs, objects and downloads are included: see
     /// [`super::EsiFile::fitted`].
     pub modules: Vec<FittedModule>,
+    /// Registers of its ESC that are to be written.
+    pub registers: EsiRegisters,
     /// EEPROM.
     pub eeprom: Option<EsiEeprom>,
     /// Doubts about it.
@@ -180,6 +183,7 @@ pub(super) fn read<'a>(
         pdo_group: read::attribute(kind, "ModulePdoGroup", U16, w)?.unwrap_or(0) as u16,
         slots: slots::read(element, w)?,
         modules: Vec::new(),
+        registers: registers::read(element, w)?,
         eeprom: eeprom::read(element, w)?,
         type_name,
         warnings: Vec::new(),

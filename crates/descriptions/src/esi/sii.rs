@@ -10,6 +10,7 @@ use isocat_wire::sii::{Header, MailboxArea, SmRecord, sm_type};
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
 
+use super::registers::EsiRegisters;
 use super::{
     CycleTime, Direction, Encoding, EsiCoe, EsiDc, EsiDevice, EsiEeprom, EsiFile, EsiGroup,
     EsiMailbox, EsiOpMode, EsiPdo, EsiPdoEntry, EsiProfile, EsiSoe, EsiSyncManager, EsiTimeouts,
@@ -303,6 +304,7 @@ fn device_of(sii: &Sii, bytes: usize) -> EsiDevice {
         pdo_group: 0,
         slots: None,
         modules: Vec::new(),
+        registers: EsiRegisters::default(),
         eeprom: Some(EsiEeprom {
             byte_size: bytes,
             configuration: Some(header.configuration),

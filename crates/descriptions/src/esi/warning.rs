@@ -117,6 +117,8 @@ kinds! {
     DictionaryMissing = "dictionary-missing";
     /// The dictionary is in another file, which is not read.
     DictionaryFile = "dictionary-file";
+    /// A register that is to be written and is not.
+    RegisterUnused = "register-unused";
     /// An object cannot be read; it is left out.
     ObjectLeftOut = "object-left-out";
     /// Defaults were matched to sub-indices by order, since names differ.

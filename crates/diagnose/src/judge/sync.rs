@@ -262,7 +262,8 @@ pub(crate) fn distance(observer: &Observer, place: usize) -> Option<OfDevice<'_>
     let delay = delay(observer, &observer.devices.list[place])?;
     // Whether the nearest frame came before or behind SYNC0 must be told.
     let cycle = distance.grid.cycle as i64;
-    let [shortest, longest] = [distance.shortest, distance.longest].map(|known| known.value - delay);
+    let [shortest, longest] =
+        [distance.shortest, distance.longest].map(|known| known.value - delay);
     let told = |ns: i64| (ns - within).div_euclid(cycle) == (ns + within).div_euclid(cycle);
     (told(shortest) && told(longest)).then_some(OfDevice { distance, delay, within })
 }

@@ -210,13 +210,7 @@ impl Distance {
 
     /// Decides what a frame out of place was. `more`: by how many pulses too many the next frame
     /// came behind it.
-    fn close(
-        &mut self,
-        sample: Sample,
-        open: Open,
-        more: i64,
-        told: &mut impl FnMut(Sample, i64),
-    ) {
+    fn close(&mut self, sample: Sample, open: Open, more: i64, told: &mut impl FnMut(Sample, i64)) {
         let Open { by, since, frames } = open;
         let usual = frames.saturating_mul(self.rate.cycles).saturating_mul(self.step.cycle);
         let half = self.step.cycle / 2;
@@ -302,4 +296,3 @@ impl Distance {
         (self.sum / i128::from(self.count)) as i64
     }
 }
-

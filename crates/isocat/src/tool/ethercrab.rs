@@ -217,9 +217,11 @@ fn download(page: &mut Page, object: &Object) {
 }
 
 fn registers(page: &mut Page, device: &Device, grid: &Grid) {
-    if let Some(steps) = device.watchdog {
-        page.note(12, "Watchdog of the process data, in steps of 100 us.");
-        page.line(format!("            device.register_write(0x0420u16, {steps}u16).await?;"));
+    for (what, register, value) in device.watchdog.iter().flat_map(|one| one.registers()) {
+        page.note(12, what);
+        page.line(format!(
+            "            device.register_write(0x{register:04X}u16, {value}u16).await?;"
+        ));
     }
     let Some(unit) = &device.unit else { return };
     if unit.sync0_ns == 0 {

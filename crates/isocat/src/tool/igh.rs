@@ -185,15 +185,16 @@ fn device_calls(page: &mut Page, device: &Device) {
         page.note(3, &object.why);
         download(page, at, object);
     }
-    if let Some(steps) = device.watchdog {
+    if let Some(watchdog) = device.watchdog {
+        let (divider, steps) = (watchdog.divider(), watchdog.steps());
         page.note(
             3,
             format!(
-                "Watchdog of the process data: {steps} steps of 100 us, 2498 + 2 \
+                "Watchdog of the process data: {steps} steps of {divider} + 2 \
             clocks of 40 ns each."
             ),
         );
-        page.line(format!("   ecrt_slave_config_watchdog(sc[{at}], 2498, {steps});"));
+        page.line(format!("   ecrt_slave_config_watchdog(sc[{at}], {divider}, {steps});"));
     }
     if let Some(unit) = &device.unit {
         dc(page, at, unit);

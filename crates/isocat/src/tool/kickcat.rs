@@ -25,7 +25,10 @@ pub(super) fn text(sheet: &Sheet) -> String {
             "Watchdog of the process data, s, the same for all: as the chips have it after reset.",
         ),
     }
-    page.line(format!("WATCHDOG = {:?}\n", f64::from(watchdog.unwrap_or(1000)) / 1e4));
+    page.line(format!(
+        "WATCHDOG = {:?}\n",
+        watchdog.map_or(0.1, |watchdog| watchdog.time_ns() as f64 / 1e9)
+    ));
     page.note(
         0,
         "By position: bytes of outputs, bytes of inputs. The binding shows no identities.",

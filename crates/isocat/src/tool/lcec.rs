@@ -64,9 +64,11 @@ fn slave(page: &mut Page, device: &Device) {
     if let Some(unit) = &device.unit {
         dc_conf(page, unit);
     }
-    if let Some(steps) = device.watchdog {
-        page.note(6, format!("Watchdog of the process data: {steps} steps of 100 us."));
-        page.line(format!("      <watchdog divider=\"2498\" intervals=\"{steps}\"/>"));
+    if let Some(watchdog) = device.watchdog {
+        let (divider, steps) = (watchdog.divider(), watchdog.steps());
+        let unit = isocat_wire::time::Nanos((i64::from(divider) + 2) * 40);
+        page.note(6, format!("Watchdog of the process data: {steps} steps of {unit}."));
+        page.line(format!("      <watchdog divider=\"{divider}\" intervals=\"{steps}\"/>"));
     }
     for object in device.parameters() {
         sdo_config(page, object);

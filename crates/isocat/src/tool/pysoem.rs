@@ -121,9 +121,9 @@ fn words(page: &mut Page, sheet: &Sheet) {
             );
             page.line(format!("    ({}, 0x0980, 0x{:04X}),", device.position, unit.word.0));
         }
-        if let Some(steps) = device.watchdog {
-            page.note(4, "Watchdog of the process data, in steps of 100 us.");
-            page.line(format!("    ({}, 0x0420, {steps}),", device.position));
+        for (what, register, value) in device.watchdog.iter().flat_map(|one| one.registers()) {
+            page.note(4, what);
+            page.line(format!("    ({}, 0x{register:04X}, {value}),", device.position));
         }
     }
     page.line("]\n");

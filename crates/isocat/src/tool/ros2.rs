@@ -93,8 +93,9 @@ fn limits(sheet: &Sheet, device: &Device) -> Vec<String> {
         }
     }
     if device.watchdog.is_some() {
-        limits
-            .push("the watchdog's time (0x0420) can't be set: the chip's own 100 ms stay.".into());
+        limits.push(
+            "the watchdogs (0x0400 to 0x0420) can't be set: the chip's own 100 ms stay.".into(),
+        );
     }
     limits.push(
         "types of PDO entries are not in the plan: write int8, int16 or int32 where a \

@@ -67,8 +67,8 @@ pub struct Device {
     pub objects: Vec<Object>,
     /// Parameters of its drives that SoE writes, in order.
     pub drives: Vec<ParameterStep>,
-    /// Register 0x0420, in steps of 100 us; `None` if the chip's default stays.
-    pub watchdog: Option<u16>,
+    /// Registers of the watchdogs; `None` if they stay as after power-on.
+    pub watchdog: Option<Watchdog>,
     /// Its process data are exchanged in every n-th bus cycle.
     pub every: u32,
     /// Doubts about its description, and warnings of the plan about it.
@@ -274,10 +274,59 @@ fn device(plan: &Plan, report: &PlanReport, of: &report::Device, list: &DeviceSt
         channels: [channels(true, &found.outputs), channels(false, &found.inputs)].concat(),
         objects: list.objects.iter().map(object).collect(),
         drives: list.parameters.clone(),
-        watchdog: written(list, register::WATCHDOG_TIME_PROCESS_DATA.address)
-            .and_then(|data| Some(u16::from_le_bytes(*data.first_chunk()?))),
+        watchdog: watchdog(list),
         every: of.every,
         notes,
+    }
+}
+
+fn watchdog(list: &DeviceStartUp) -> Option<Watchdog> {
+    let word = |register: isocat_wire::Register<u16>| {
+        Some(u16::from_le_bytes(*written(list, register.address)?.first_chunk()?))
+    };
+    let found = [
+        register::WATCHDOG_DIVIDER,
+        register::WATCHDOG_TIME_PDI,
+        register::WATCHDOG_TIME_PROCESS_DATA,
+    ]
+    .map(word);
+    let [divider, pdi, process_data] = found;
+    found.iter().any(Option::is_some).then_some(Watchdog { divider, pdi, process_data })
+}
+
+/// Registers of the watchdogs; `None` for one that stays as after power-on.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Watchdog {
+    divider: Option<u16>,
+    pdi: Option<u16>,
+    process_data: Option<u16>,
+}
+
+impl Watchdog {
+    /// Register 0x0400.
+    pub fn divider(self) -> u16 {
+        self.divider.unwrap_or(2498)
+    }
+
+    /// Register 0x0420.
+    pub fn steps(self) -> u16 {
+        self.process_data.unwrap_or(1000)
+    }
+
+    /// The time of the process data, ns.
+    pub fn time_ns(self) -> i64 {
+        (i64::from(self.divider()) + 2) * 40 * i64::from(self.steps())
+    }
+
+    /// What is written: the meaning, address and value of each.
+    pub fn registers(self) -> impl Iterator<Item = (&'static str, u16, u16)> {
+        [
+            ("Unit of the watchdogs, less 2, in 40 ns.", 0x0400, self.divider),
+            ("Watchdog of the PDI, in these units.", 0x0410, self.pdi),
+            ("Watchdog of the process data, in units of 0x0400.", 0x0420, self.process_data),
+        ]
+        .into_iter()
+        .filter_map(|(what, register, value)| Some((what, register, value?)))
     }
 }
 

@@ -67,7 +67,7 @@ fn limits(sheet: &Sheet) -> Vec<String> {
     if sheet.devices.iter().any(|device| device.watchdog.is_some()) {
         add(
             &mut limits,
-            "SOEM has no call for the watchdog; register 0x0420 is written by hand below.",
+            "SOEM has no call for the watchdog; its registers are written by hand below.",
         );
     }
     if sheet.with_pulses().next().is_some() {
@@ -140,9 +140,9 @@ fn pulses(page: &mut Page, sheet: &Sheet) {
         page.line(format!("   word({}, 0x0980, 0x{:04X});", device.position + 1, unit.word.0));
     }
     for device in &sheet.devices {
-        if let Some(steps) = device.watchdog {
-            page.note(3, "Watchdog of the process data, in steps of 100 us.");
-            page.line(format!("   word({}, 0x0420, {steps});", device.position + 1));
+        for (what, register, value) in device.watchdog.iter().flat_map(|one| one.registers()) {
+            page.note(3, what);
+            page.line(format!("   word({}, 0x{register:04X}, {value});", device.position + 1));
         }
     }
     page.line("}\n");

@@ -82,14 +82,19 @@ fn one(page: &mut Page, device: &Device, sheet: &Sheet) {
     for object in device.parameters() {
         start_up(page, object);
     }
-    if let Some(steps) = device.watchdog {
+    if let Some(watchdog) = device.watchdog {
         page.line("  tab \"EtherCAT\" > Advanced Settings > General > Behavior > Watchdog");
-        field(
-            page,
-            "Set SM Watchdog (Reg. 420h)",
-            &format!("{steps}, {} ms", decimals(i64::from(steps) * 100_000, 1_000_000)),
-            "as the plan has it",
-        );
+        for (_, register, value) in watchdog.registers() {
+            let (name, value) = match register {
+                0x0400 => ("Set Multiplier (Reg. 400h)", value.to_string()),
+                0x0410 => ("Set PDI Watchdog (Reg. 410h)", value.to_string()),
+                _ => {
+                    let ms = decimals(watchdog.time_ns(), 1_000_000);
+                    ("Set SM Watchdog (Reg. 420h)", format!("{value}, {ms} ms"))
+                }
+            };
+            field(page, name, &value, "as the plan has it");
+        }
     }
 }
 

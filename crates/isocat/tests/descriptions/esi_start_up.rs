@@ -310,3 +310,79 @@ fn isocat(arguments: &[&str]) -> Output {
 fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("isocat prints UTF-8")
 }
+
+/// The drive of the box with registers that its maker orders.
+fn with_registers(name: &str, registers: &str) -> File {
+    let eeprom = "<Eeprom><ByteSize>2048</ByteSize>";
+    assert_eq!(BOX.matches(eeprom).count(), 1);
+    File::new(name, &BOX.replace(eeprom, &format!("<ESC>{registers}</ESC>{eeprom}")))
+}
+
+/// Registers of watchdogs that the maker orders are written and planned with; those that nothing
+/// writes are a doubt.
+#[test]
+fn registers_of_the_description_are_obeyed_or_doubted() {
+    let keys = "type = \"Drive\"\nopmode = 1";
+    let registers = "<Reg0108>#x0</Reg0108><Reg0400>#x9C2</Reg0400><Reg0410>1000</Reg0410>\
+                     <Reg0420>#x2710</Reg0420>";
+    let file = with_registers("registers", registers);
+    let scenario = file.scenario(keys);
+    let list = start_up(&scenario);
+    let written = |list: &StartUp| -> Vec<(u16, Vec<u8>)> {
+        let steps = list.devices[0].registers.iter();
+        let steps = steps.filter_map(|step| match step.address {
+            isocat::start_up::Address::Physical { register, .. } => {
+                Some((register, step.data.clone()))
+            }
+            _ => None,
+        });
+        steps.filter(|(register, _)| (0x0400..0x0440).contains(register)).collect()
+    };
+    let expected =
+        [(0x0400, vec![0xC2, 0x09]), (0x0410, vec![0xE8, 0x03]), (0x0420, vec![0x10, 0x27])];
+    assert_eq!(written(&list), expected);
+    assert!(!list.text().contains("register-unused"), "{}", list.text());
+    // They are on the wire, and the ESC has them.
+    let report = run(&scenario);
+    assert!(report.in_sync, "{}", report.text());
+    // Through the file of an ENI, and a profile of its own.
+    let read = Eni::from_bytes("out.xml", eni::write(&list).as_bytes()).unwrap();
+    assert_eq!(written(&read.start_up), expected);
+    let esi = EsiFile::from_bytes("box.xml", &std::fs::read(&file.0).unwrap()).unwrap();
+    let drive = esi.devices.iter().find(|device| device.type_name == "Drive").unwrap();
+    let profile =
+        isocat::profile::ProfileText::from_esi(&esi, drive, Some(0), "box.xml").unwrap().text;
+    assert!(profile.contains("watchdog_process_data = 10000"), "{profile}");
+    // The segment file's own watchdog is for all.
+    let own = file.segment(keys).replace("for =", "watchdog = \"20ms\"\nfor =");
+    let own = Scenario::from(SegmentFile::parse("s.toml", &own).unwrap());
+    assert_eq!(written(&start_up(&own)), [(0x0420, vec![200, 0])]);
+
+    let file = with_registers("unused", "<Reg0108>#x0200</Reg0108>");
+    let list = start_up(&file.scenario(keys));
+    assert_eq!(written(&list), []);
+    let told = list.devices[0].notes.iter().any(|note| note.contains("<Reg0108> = #x0200"));
+    assert!(told, "{:?}", list.devices[0].notes);
+}
+
+/// A watchdog of 10 steps fits a cycle just below it, less what the host may be late, and none
+/// longer; switched off it fits each.
+#[test]
+fn the_watchdog_of_the_description_is_planned_with() {
+    let fits = |registers: &str, cycle_us: i64| {
+        let file = with_registers(&format!("edge-{cycle_us}"), registers);
+        let text = file.segment("type = \"Drive\"\nopmode = 1");
+        let text = text.replace("\"1ms\"", &format!("\"{cycle_us}us\""));
+        let scenario = Scenario::from(SegmentFile::parse("s.toml", &text).unwrap());
+        let plan = Plan::of(&scenario).unwrap();
+        plan.start_up(&scenario);
+        run(&scenario).in_sync
+    };
+    let steps = |divider: u16| format!("<Reg0400>{divider}</Reg0400><Reg0420>10</Reg0420>");
+    // 10 x 100 us, and 10 x 200 us.
+    assert!(fits(&steps(2498), 900));
+    assert!(!fits(&steps(2498), 1_000));
+    assert!(fits(&steps(4998), 1_900));
+    assert!(!fits(&steps(4998), 2_000));
+    assert!(fits("<Reg0420>0</Reg0420>", 2_000));
+}

@@ -187,7 +187,7 @@ fn a_watchdog_that_is_asked_for_is_in_each_text_that_can_set_it() {
         (Tool::TwinCat, "Set SM Watchdog (Reg. 420h): 200, 20 ms"),
         (Tool::Igh, "ecrt_slave_config_watchdog(sc[1], 2498, 200);"),
         (Tool::Lcec, "<watchdog divider=\"2498\" intervals=\"200\"/>"),
-        (Tool::Ros2, "LIMIT: the watchdog's time (0x0420) can't be set"),
+        (Tool::Ros2, "LIMIT: the watchdogs (0x0400 to 0x0420) can't be set"),
         (Tool::Soem, "word(2, 0x0420, 200);"),
         (Tool::PySoem, "(1, 0x0420, 200),"),
         (Tool::Ethercrab, "device.register_write(0x0420u16, 200u16)"),

@@ -212,6 +212,7 @@ impl Draft<'_> {
             chip: self.esc.chip.0,
             esc: self.esc.chip.1,
             clock_tolerance: self.esc.clock_tolerance,
+            watchdog: self.esc.watchdog,
             times,
             application: self.application,
             sampling: None,

@@ -4,6 +4,7 @@
 use isocat_descriptions::document::Source;
 use isocat_descriptions::quantity::Ppb;
 use isocat_esc::chip::Chip;
+use isocat_maindevice::WatchdogRegisters;
 use isocat_sim::Unevenness;
 use isocat_subdevice::description::{Behaviour, Mailbox};
 use isocat_sync::SupportedTypes;
@@ -104,6 +105,7 @@ pub(super) struct Esc {
     pub pulse: Nanos,
     pub alias: u16,
     pub clock_tolerance: Option<Ppb>,
+    pub watchdog: WatchdogRegisters,
 }
 
 /// `[outputs]` or `[inputs]`: a process data SyncManager and its PDOs.

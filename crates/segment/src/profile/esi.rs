@@ -12,9 +12,11 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use isocat_descriptions::document::{FileError, Source};
 use isocat_descriptions::esi::{
-    Direction, EsiDevice, EsiFile, EsiOpMode, EsiPdo, FittedModule, Purpose, data_type,
+    Direction, EsiDevice, EsiFile, EsiOpMode, EsiPdo, FittedModule, Purpose, Warning, WarningKind,
+    data_type,
 };
 use isocat_esc::chip::{Chip, DcUnits, ET1100};
+use isocat_maindevice::WatchdogRegisters;
 use isocat_sim::Sampling;
 use isocat_subdevice::description::{Behaviour, Mailbox};
 use isocat_subdevice::{MAX_AREAS, MAX_MAILBOX, MAX_PROCESS_DATA, MIN_MAILBOX, Speaks};
@@ -232,6 +234,9 @@ impl<'f> Import<'f> {
         let Some(product_code) = device.product_code else {
             return Err(self.stopped(Obstacle::Placeholder, device.at, "it has no product code"));
         };
+        let unused = |warning: &&Warning| warning.kind == WarningKind::RegisterUnused;
+        let unused = device.warnings.iter().filter(unused);
+        self.doubts.extend(unused.map(|one| Doubt::new(one.kind, one.message.clone())));
         let identity = Identity {
             vendor_id: self.file.vendor_id,
             product_code,
@@ -289,6 +294,11 @@ impl<'f> Import<'f> {
                 pulse: Nanos::micros(10),
                 alias: 0,
                 clock_tolerance: None,
+                watchdog: WatchdogRegisters {
+                    divider: device.registers.divider,
+                    pdi: device.registers.pdi,
+                    process_data: device.registers.process_data,
+                },
             },
             mailbox,
             protocols: device.mailbox.as_ref().map_or(0, |mailbox| mailbox.protocols),

@@ -2,6 +2,7 @@
 
 use isocat_descriptions::document::{FileError, Source};
 use isocat_esc::chip::Chip;
+use isocat_maindevice::WatchdogRegisters;
 use isocat_subdevice::description::{Behaviour, Mailbox, Speaks};
 use isocat_sync::object;
 use isocat_wire::ObjectAddress;
@@ -122,6 +123,7 @@ impl ProfileText {
                 pulse: found.pulse.unwrap_or(USUAL_PULSE),
                 alias: found.alias,
                 clock_tolerance: None,
+                watchdog: WatchdogRegisters::default(),
             },
             mailbox: found.mailbox.map(|[receive, send]| {
                 let area = |(start, length)| MailboxArea { start, length };

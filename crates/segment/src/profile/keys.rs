@@ -382,6 +382,31 @@ static ESC: Section = Section {
                    file gives none",
             example: r#""50ppm""#,
         },
+        Key {
+            name: "watchdog_divider",
+            kind: Kind::Integer { least: 0, most: u16::MAX as i64 },
+            need: Need::Without("as after power-on, 2498: a unit of 100 us"),
+            means: "The unit of both watchdogs, less 2, in 40 ns, if its maker orders one \
+                    (`Reg0400` of an ESI).",
+            goes: "register 0x0400, unless the segment file has its own `watchdog`",
+            example: "2498",
+        },
+        Key {
+            name: "watchdog_pdi",
+            kind: Kind::Integer { least: 0, most: u16::MAX as i64 },
+            need: Need::Without("as after power-on"),
+            means: "The watchdog of the PDI in these units; 0: off (`Reg0410`).",
+            goes: "register 0x0410, unless the segment file has its own `watchdog`",
+            example: "1000",
+        },
+        Key {
+            name: "watchdog_process_data",
+            kind: Kind::Integer { least: 0, most: u16::MAX as i64 },
+            need: Need::Without("as after power-on, 1000"),
+            means: "The watchdog of the process data in these units; 0: off (`Reg0420`).",
+            goes: "register 0x0420, unless the segment file has its own `watchdog`; the plan",
+            example: "10000",
+        },
     ],
     rules: &[],
 };

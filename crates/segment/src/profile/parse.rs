@@ -3,6 +3,7 @@
 use isocat_descriptions::document::section::{Keys, Row};
 use isocat_descriptions::document::{FileError, Source, Table, Value};
 use isocat_esc::chip::Chip;
+use isocat_maindevice::WatchdogRegisters;
 use isocat_sim::{Overrun, Unevenness};
 use isocat_subdevice::description::{Behaviour, Mailbox, Measured, Speaks};
 use isocat_sync::{SupportedTypes, SyncMode};
@@ -78,6 +79,11 @@ fn esc(keys: &Keys<'_>) -> Result<Esc, FileError> {
         pulse: keys.get("pulse")?,
         alias: keys.get("alias")?,
         clock_tolerance: keys.find("clock_tolerance")?,
+        watchdog: WatchdogRegisters {
+            divider: keys.find("watchdog_divider")?,
+            pdi: keys.find("watchdog_pdi")?,
+            process_data: keys.find("watchdog_process_data")?,
+        },
     })
 }
 

@@ -159,6 +159,15 @@ fn head(w: &mut String, draft: &Draft<'_>) {
     if esc.alias != 0 {
         line(w, &format!("alias = {}", esc.alias));
     }
+    for (name, value) in [
+        ("watchdog_divider", esc.watchdog.divider),
+        ("watchdog_pdi", esc.watchdog.pdi),
+        ("watchdog_process_data", esc.watchdog.process_data),
+    ] {
+        if let Some(value) = value {
+            line(w, &format!("{name} = {value}"));
+        }
+    }
     if let Some(Placed { value: mailbox, .. }) = draft.mailbox {
         line(w, "\n[mailbox]");
         for (name, area) in [("receive", mailbox.receive), ("send", mailbox.send)] {

@@ -36,6 +36,9 @@ pub(super) fn esi(kind: WarningKind) -> &'static [&'static str] {
         K::SyncManagerVirtual => {
             &["nothing, if your application does not use the registers of this window"]
         }
+        K::RegisterUnused => &[
+            "what the register does in the device, in its manual: a MainDevice of its maker writes it",
+        ],
         K::PdoSyncManager | K::PdoLeftOut | K::PdoRepeated => {
             &["the assigned PDOs (`isocat plan --start-up`), compared with the maker's manual"]
         }

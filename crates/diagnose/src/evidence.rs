@@ -92,6 +92,20 @@ fn is_set_up(device: &Device) -> bool {
     device.image.written(register::STATION_ADDRESS).is_some() && device.states.op.is_some()
 }
 
+/// Whether the capture shows the way up of all devices that frames pass, that none of them was given
+/// SYNC0, and that all operated.
+pub(crate) fn operates_without_sync(observer: &Observer) -> bool {
+    let devices = &observer.devices.list;
+    let all = observer.reach.kept.last().is_some_and(|last| usize::from(last.to) == devices.len());
+    let cycles = observer.cycle.rhythm.count >= LEAST_CYCLES;
+    let operates = |device: &Device| {
+        let switched = &device.sync.switched;
+        let never = switched.left_off() == 0 && !switched.kept.iter().any(Switched::makes_sync0);
+        is_set_up(device) && was_in_op(observer, device) && never
+    };
+    all && cycles && devices.iter().all(operates)
+}
+
 /// Whether it was read in OP in the present stretch of operation.
 fn was_in_op(observer: &Observer, device: &Device) -> bool {
     let since = observer.stretch.map_or(0, |stretch| stretch.frame);

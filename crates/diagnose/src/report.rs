@@ -70,7 +70,12 @@ pub(crate) fn report(
         pulsing: in_order().map(|device| device.sync.operates()).collect(),
         lacking: lacking(&rulings, names),
         is_open: tap.is_some_and(|tap| tap.seen == TapSeen::Back) && observer.is_operating(),
+        has_no_sync: tap.is_some_and(|tap| tap.seen == TapSeen::Both)
+            && crate::evidence::operates_without_sync(observer),
     };
+    if doubts.has_no_sync {
+        report.unknown.retain(|what| what != unknown::SYNC);
+    }
     report.verdict = report.judge(doubts);
     report
 }
@@ -86,6 +91,8 @@ struct Doubts {
     /// The capture has answers alone and ends in operation, so it is not known what came behind the
     /// last answer.
     is_open: bool,
+    /// All devices came up in the capture, without SYNC0, and operated to its end.
+    has_no_sync: bool,
 }
 
 /// What is missing to say that the segment is in sync as it was meant: the evidence for the first
@@ -204,6 +211,15 @@ impl DiagnoseReport {
                     words::ns(least.unwrap_or(0).max(0) as u64)
                 );
                 (VerdictKind::InSync, sentence)
+            }
+            (None, 0, _) if doubts.has_no_sync => {
+                let rhythm = self.cycle.as_ref().and_then(|cycle| cycle.by_stamps.as_ref());
+                let cycles = rhythm.map_or(0, |rhythm| rhythm.count);
+                let sentence = format!(
+                    "In operation as far as the capture shows it: all {} SubDevices were in OP, none has SYNC0, so there was nothing to synchronize; {cycles} cycles.",
+                    self.devices.len()
+                );
+                (VerdictKind::InOperation, sentence)
             }
             (None, 0, _) => {
                 // In the order in which the others follow from it.

@@ -314,6 +314,50 @@ pub struct Startup {
     pub complete_access: bool,
 }
 
+impl Startup {
+    /// Which part of the interpolation time it writes, 0x60C2:01 or :02, in a byte; `None`: another
+    /// object.
+    fn interpolation(&self) -> Option<u8> {
+        let is_part = self.object.index == INTERPOLATION_TIME && !self.complete_access;
+        (is_part && self.data.len() == 1)
+            .then_some(self.object.sub)
+            .filter(|sub| [1, 2].contains(sub))
+    }
+
+    /// The bytes of `all` downloads of a device to write at its cycle: those of the description,
+    /// except for an interpolation time of which both parts are written.
+    pub fn at_cycle(&self, all: &[Self], cycle: Nanos) -> Vec<u8> {
+        let interpolation = self.interpolation().filter(|_| Self::interpolate(all.iter()));
+        match (interpolation, interpolation_time(cycle)) {
+            (Some(1), Some((units, _))) => vec![units],
+            (Some(_), Some((_, index))) => vec![index.cast_unsigned()],
+            _ => self.data.clone(),
+        }
+    }
+
+    /// Whether downloads write an interpolation time, both of its parts: it becomes the cycle.
+    pub fn interpolate<'a>(all: impl Iterator<Item = &'a Self>) -> bool {
+        let mut parts = all.filter_map(Self::interpolation).collect::<Vec<u8>>();
+        parts.sort_unstable();
+        parts.dedup();
+        parts == [1, 2]
+    }
+}
+
+/// 0x60C2:01 and :02 for a cycle: units, and the power of ten of a second that is one. `None`: no
+/// number of up to 255 of any power is the cycle.
+pub fn interpolation_time(cycle: Nanos) -> Option<(u8, i8)> {
+    // Drives know ms and us best.
+    [-3, -6, -4, -5, -2, -1, 0, -7, -8, -9].into_iter().find_map(|index: i8| {
+        let unit = 10_i64.pow(u32::try_from(9 + index).ok()?);
+        let units = u8::try_from(cycle.0 / unit).ok()?;
+        (cycle.0 % unit == 0 && units > 0).then_some((units, index))
+    })
+}
+
+/// Interpolation time period of CiA 402.
+const INTERPOLATION_TIME: u16 = 0x60C2;
+
 /// A parameter of a drive that SoE writes in PREOP.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct StartupParameter {

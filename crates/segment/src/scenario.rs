@@ -311,7 +311,11 @@ fn device_config(device: &SubDevice, cycle: Nanos) -> DeviceConfig {
         measured: device.measured,
         assumed,
         clock: Some(clock_range(device)),
-        startup: profile.startup.iter().map(startup).collect(),
+        startup: profile
+            .startup
+            .iter()
+            .map(|one| startup(one, &profile.startup, device.cycle.unwrap_or(cycle)))
+            .collect(),
         parameters: profile
             .parameters
             .iter()
@@ -359,10 +363,10 @@ fn clock_range(device: &SubDevice) -> ClockRange {
     }
 }
 
-fn startup(download: &profile::Startup) -> StartupDownload {
+fn startup(download: &profile::Startup, all: &[profile::Startup], cycle: Nanos) -> StartupDownload {
     StartupDownload {
         object: download.object,
-        data: download.data.clone(),
+        data: download.at_cycle(all, cycle),
         complete: download.complete_access,
     }
 }

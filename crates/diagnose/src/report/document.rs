@@ -57,6 +57,9 @@ pub struct Verdict {
 pub enum VerdictKind {
     /// In operation, frames came before their SYNC0, and no fault was found.
     InSync,
+    /// In operation, no SubDevice has SYNC0, so that there was nothing to synchronize, and no fault
+    /// was found.
+    InOperation,
     /// No fault was found; the capture does not show whether the segment was in sync.
     NothingFound,
     /// At least one fault was found.

@@ -31,7 +31,7 @@ impl DiagnoseReport {
 
     fn write(&self, out: &mut String) -> fmt::Result {
         let style = match self.verdict.kind {
-            VerdictKind::InSync => GOOD,
+            VerdictKind::InSync | VerdictKind::InOperation => GOOD,
             VerdictKind::NothingFound => DOUBT,
             VerdictKind::Found => BAD,
         };

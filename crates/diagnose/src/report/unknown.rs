@@ -6,6 +6,9 @@ use super::{DiagnoseReport, SeenKind};
 /// What leaves nothing else unknown.
 pub(super) const CABLES: &str = "errors on cables: no error counter (0x0300 to 0x0313) was read";
 
+/// What is no doubt where the way up of all devices is in the capture.
+pub(super) const SYNC: &str = "whether SYNC0 runs: no SYNC unit was switched in this capture";
+
 /// One sentence for each thing that the capture does not show and a verdict needs.
 pub(super) fn unknown(report: &DiagnoseReport, answers: bool) -> Vec<String> {
     let mut all: Vec<&str> = Vec::new();
@@ -32,7 +35,7 @@ pub(super) fn unknown(report: &DiagnoseReport, answers: bool) -> Vec<String> {
     }
     let sync = devices.iter().any(|device| !device.sync.is_empty());
     if cyclic.is_some() && !sync {
-        all.push("whether SYNC0 runs: no SYNC unit was switched in this capture");
+        all.push(SYNC);
     }
     if cyclic.is_some() && report.clock.is_none() {
         all.push("what time the reference clock had: no FRMW or ARMW of 0x0910 is in the capture");

@@ -69,7 +69,9 @@ impl Plan {
         let profile = &scenario.devices[position].profile;
         // The first writes in PREOP are those of the description, here with their own transitions.
         let mut of_description = if device.has_coe() { &profile.startup[..] } else { &[] };
-        let mut objects: Vec<_> = of_description.iter().map(download).collect();
+        let values = self.config.devices.get(position).map(|wish| &wish.startup[..]);
+        let written = of_description.iter().zip(values.unwrap_or_default());
+        let mut objects: Vec<_> = written.map(|(wanted, value)| download(wanted, value)).collect();
         for (transition, list) in [(&ip, &writes.to_preop), (&ps, &writes.to_safeop)] {
             for write in list {
                 let Write { target, comment, .. } = write;
@@ -257,9 +259,12 @@ fn bits(data: &ProcessData) -> Option<ImageBits> {
 }
 
 /// A download that the description of the device asks for.
-fn download(wanted: &Startup) -> ObjectStep {
-    let comment = "InitCmd of the description";
-    let step = ObjectStep::new(&[wanted.transition], wanted.object, wanted.data.clone(), comment);
+fn download(wanted: &Startup, value: &isocat_maindevice::StartupDownload) -> ObjectStep {
+    let comment = match value.data == wanted.data {
+        true => "InitCmd of the description",
+        false => "InitCmd of the description; the cycle",
+    };
+    let step = ObjectStep::new(&[wanted.transition], wanted.object, value.data.clone(), comment);
     ObjectStep { complete: wanted.complete_access, ..step }
 }
 

@@ -142,7 +142,7 @@ pub fn run(arguments: &Arguments) -> u8 {
         _ if code == BAD_INPUT => BAD_INPUT,
         VerdictKind::Found => NOT_IN_SYNC,
         VerdictKind::NothingFound => NOT_KNOWN,
-        VerdictKind::InSync => IN_SYNC,
+        VerdictKind::InSync | VerdictKind::InOperation => IN_SYNC,
     }
 }
 

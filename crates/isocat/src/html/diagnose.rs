@@ -55,7 +55,7 @@ impl Diagnosed<'_> {
         Page {
             title: format!("{names} - isocat diagnose"),
             kind: "Diagnosis of a capture",
-            good: report.verdict.kind == VerdictKind::InSync,
+            good: matches!(report.verdict.kind, VerdictKind::InSync | VerdictKind::InOperation),
             verdict: self.verdict(),
             body,
             command: self.command.to_owned(),

@@ -386,3 +386,43 @@ fn the_watchdog_of_the_description_is_planned_with() {
     assert!(!fits(&steps(4998), 2_000));
     assert!(fits("<Reg0420>0</Reg0420>", 2_000));
 }
+
+/// An interpolation time (0x60C2) becomes the device's cycle, as no drive interpolates rightly over
+/// another one; a part alone, or a cycle that no such number is, leaves what the maker wrote.
+#[test]
+fn an_interpolation_time_becomes_the_cycle() {
+    let written = |commands: &str, cycle: &str, own: &str| {
+        let last = "<SubIndex>1</SubIndex><Data>07</Data></InitCmd>";
+        assert_eq!(BOX.matches(last).count(), 1);
+        let file = File::new("interpolation", &BOX.replace(last, &format!("{last}{commands}")));
+        let text = file.segment("type = \"Drive\"\nopmode = 1").replace("\"1ms\"", cycle) + own;
+        let scenario = Scenario::from(SegmentFile::parse("s.toml", &text).unwrap());
+        let list = start_up(&scenario);
+        let steps = list.devices[0].objects.iter().filter(|step| step.object.index == 0x60C2);
+        let written: Vec<_> = steps.map(|step| (step.object.sub, step.data[0])).collect();
+        let told = list.devices[0].notes.iter().any(|note| note.contains("0x60C2 gets"));
+        let wire = &scenario.run().setup.config.devices[0].startup;
+        let wire = wire.iter().filter(|download| download.object.index == 0x60C2);
+        assert!(wire.map(|one| (one.object.sub, one.data[0])).eq(written.iter().copied()));
+        (written, told)
+    };
+    let part = |sub: u8, data: &str| {
+        format!(
+            "<InitCmd><Transition>PS</Transition><Index>#x60C2</Index><SubIndex>{sub}</SubIndex>\
+             <Data>{data}</Data></InitCmd>"
+        )
+    };
+    let both = part(1, "0A") + &part(2, "FD");
+    for (cycle, own, units, index) in [
+        ("\"2ms\"", "", 2, -3),
+        ("\"250us\"", "", 250, -6),
+        ("\"500us\"", "", 5, -4),
+        ("\"1ms\"", "cycle = \"4ms\"\n", 4, -3),
+    ] {
+        let expected = vec![(1, units), (2, i8::cast_unsigned(index))];
+        assert_eq!(written(&both, cycle, own), (expected, true), "{cycle} {own}");
+    }
+    assert_eq!(written(&part(1, "0A"), "\"2ms\"", ""), (vec![(1, 10)], false));
+    let odd = written(&both, "\"1001us\"", "");
+    assert_eq!(odd.0, [(1, 10), (2, 0xFD)]);
+}

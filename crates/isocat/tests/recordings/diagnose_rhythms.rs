@@ -119,3 +119,42 @@ fn coarse_stamps_leave_slower_drives_unknown() {
     let within = report.devices[1].distance.as_ref().map(|distance| distance.within_ns);
     assert!(within.is_some_and(|ns| (1_000..45_000).contains(&ns)), "{within:?}");
 }
+
+/// Devices without SYNC0 have nothing to synchronize. That is known where their way up is in the
+/// capture, all of them were in OP, and nothing is missing at the end.
+#[test]
+fn devices_without_sync0_operate() {
+    let text =
+        "cycle = \"1ms\"\nfor = \"300ms\"\n[[subdevice]]\ndevice = \"simple_io16\"\ncount = 3\n";
+    let ran = |fault: &str| {
+        let file = SegmentFile::parse("io.toml", &format!("{text}{fault}")).expect("a segment");
+        let mut capture = Vec::new();
+        let tap = Capture::new(&mut capture).expect("a Vec takes everything");
+        let outcome = Scenario::from(file).run().execute(Some(tap), &mut |_| {});
+        outcome.world.into_tap().expect("the tap").finish().expect("a Vec takes everything");
+        capture
+    };
+    let right = ran("");
+    let report = diagnosed(&right);
+    assert_eq!(report.verdict.kind, VerdictKind::InOperation, "{}", report.text());
+    assert!(report.verdict.sentence.contains("all 3 SubDevices were in OP"), "{}", report.text());
+    // From the middle on it is not known whether SYNC0 runs since before.
+    let middle = cut(&right, |number, frames| number > frames - 400);
+    let report = diagnosed(&middle);
+    assert_eq!(report.verdict.kind, VerdictKind::NothingFound, "{}", report.text());
+    let [fault, when] = ["pull 2 for 100ms", "in-operation + 100ms"];
+    let pulled = ran(&format!("[[fault]]\nat = \"{when}\"\nwhat = \"{fault}\"\n"));
+    let report = diagnosed(&pulled);
+    assert_eq!(report.verdict.kind, VerdictKind::Found, "{}", report.text());
+}
+
+/// The frames of a capture for which `keeps` is true, by number and the number of all.
+fn cut(capture: &[u8], keeps: impl Fn(usize, usize) -> bool) -> Vec<u8> {
+    let frames = Reading::of(capture).expect("a capture").frames;
+    let mut other = Capture::new(Vec::new()).expect("a Vec takes everything");
+    let all = frames.len();
+    for frame in frames.into_iter().filter(|frame| keeps(frame.number, all)) {
+        other.write(frame.at, frame.sent == Some(true), &frame.bytes);
+    }
+    other.finish().expect("a Vec takes everything")
+}

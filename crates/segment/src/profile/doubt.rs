@@ -88,8 +88,8 @@ kinds! {
     /// An InitCmd writes an object that the dictionary does not have, or that can't be written
     /// there: the virtual device gets it.
     InitCommandObject = "init-command-object",
-    /// A parameter of a SoE drive that holds the cycle is written with the device's own or the bus
-    /// cycle, and not with the value of the InitCmd.
+    /// A parameter of a drive that holds the cycle (S-0-0001, S-0-0002, 0x60C2) is written with the
+    /// device's own or the bus cycle, and not with the value of the InitCmd.
     CycleParameter = "cycle-parameter",
     /// A SyncManager's control byte gets the AL event: the real device needs none, and the virtual
     /// one has no other way to know that a frame came.

@@ -265,7 +265,7 @@ fn position(class: &Class, good: Option<&DiagnoseReport>) -> Option<usize> {
 /// What a verdict of `diagnose` is as an exit code.
 fn code(verdict: VerdictKind) -> u8 {
     match verdict {
-        VerdictKind::InSync => IN_SYNC,
+        VerdictKind::InSync | VerdictKind::InOperation => IN_SYNC,
         VerdictKind::Found => NOT_IN_SYNC,
         VerdictKind::NothingFound => NOT_KNOWN,
     }

@@ -76,6 +76,12 @@ impl Import<'_> {
                 self.assume("InitCmd left out", left_out, why);
             }
         }
+        let written = all.iter().map(|one| &one.value);
+        if Startup::interpolate(written) {
+            let words = "0x60C2 gets the device's cycle, and not what the InitCmd has: the drive interpolates its set \
+                         points over this time";
+            self.doubts.push(Doubt::new(DoubtKind::CycleParameter, words.to_owned()));
+        }
         self.tell_further();
         all.sort_by_cached_key(|download: &Placed<Startup>| {
             u64::from(download.value.transition != Transition::IP)

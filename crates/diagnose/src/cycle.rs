@@ -177,8 +177,8 @@ pub(crate) struct Cycle {
 }
 
 impl Cycle {
-    /// Takes a logical datagram; returns its place, and whether it begins a cycle. `None`: there are
-    /// too many to be kept apart.
+    /// Takes a logical datagram; returns its place, and whether it begins a cycle. `None`: there
+    /// are too many to be kept apart.
     pub fn access(
         &mut self,
         access: &Access<'_>,
@@ -219,9 +219,9 @@ impl Cycle {
         Some((place, begins))
     }
 
-    /// Notes the beginning of a cycle by the frame that was just taken apart. `time`: the reference's
-    /// system time when the frame arrived there, ns. Returns the time since the previous cycle, ns:
-    /// by the stamps and by the reference's clock.
+    /// Notes the beginning of a cycle by the frame that was just taken apart. `time`: the
+    /// reference's system time when the frame arrived there, ns. Returns the time since the
+    /// previous cycle, ns: by the stamps and by the reference's clock.
     pub fn begins(&mut self, at: Duration, time: Option<u64>, frame: usize) -> [Option<u64>; 2] {
         let by_stamps = self.rhythm.cycle(at, at, frame);
         let by_clock = match time {

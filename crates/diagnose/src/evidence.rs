@@ -92,8 +92,8 @@ fn is_set_up(device: &Device) -> bool {
     device.image.written(register::STATION_ADDRESS).is_some() && device.states.op.is_some()
 }
 
-/// Whether the capture shows the way up of all devices that frames pass, that none of them was given
-/// SYNC0, and that all operated.
+/// Whether the capture shows the way up of all devices that frames pass, that none of them was
+/// given SYNC0, and that all operated.
 pub(crate) fn operates_without_sync(observer: &Observer) -> bool {
     let devices = &observer.devices.list;
     let all = observer.reach.kept.last().is_some_and(|last| usize::from(last.to) == devices.len());

@@ -378,7 +378,8 @@ mod tests {
         assert_eq!(found.map(|(_, by_stamps)| by_stamps), [false, true]);
     }
 
-    /// How late each of some frames is, in tenths of a cycle; they are sent half a cycle before SYNC0.
+    /// How late each of some frames is, in tenths of a cycle; they are sent half a cycle before
+    /// SYNC0.
     #[test]
     fn a_frame_that_passes_sync0_leaves_a_gap_behind() {
         let grid = Grid::new(1_000_000, 0).expect("a cycle");

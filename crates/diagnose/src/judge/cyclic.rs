@@ -157,8 +157,8 @@ pub(crate) fn share(logical: &Logical, device: &Device) -> u16 {
     }
 }
 
-/// Finds cyclic frames without an answer: with process data or the reference's time. Frames after the last answer do not count: theirs may
-/// come after the end of the capture.
+/// Finds cyclic frames without an answer: with process data or the reference's time. Frames after
+/// the last answer do not count: theirs may come after the end of the capture.
 fn lost(observer: &Observer, all: &mut Vec<Finding>) {
     let mut frames: Vec<_> = observer
         .cycle

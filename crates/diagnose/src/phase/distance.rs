@@ -203,7 +203,8 @@ impl Distance {
         }
     }
 
-    /// The number of the last pulse before an instant. A frame that ends with a pulse came before it.
+    /// The number of the last pulse before an instant. A frame that ends with a pulse came before
+    /// it.
     fn pulse(&self, at: u64) -> i128 {
         (i128::from(at) - i128::from(self.step.phase) - 1).div_euclid(self.step.cycle.into())
     }

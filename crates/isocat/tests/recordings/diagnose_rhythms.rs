@@ -37,8 +37,8 @@ fn diagnosed(capture: &[u8]) -> DiagnoseReport {
     diagnosis.report(&Names::default()).expect("EtherCAT")
 }
 
-/// The capture with other stamps, made of the number of the frame and its stamp, in the order of the
-/// frames.
+/// The capture with other stamps, made of the number of the frame and its stamp, in the order of
+/// the frames.
 fn stamped(capture: &[u8], stamp: impl Fn(u64, Duration) -> Duration) -> Vec<u8> {
     let mut other = Capture::new(Vec::new()).expect("a Vec takes everything");
     let mut last = Duration::ZERO;

@@ -74,11 +74,6 @@ impl Drift {
         if let Some(last) = self.last {
             let by_stamps = at.saturating_sub(last.value);
             let by_clock = self.led.zip(time).map(|(led, time)| time.saturating_sub(led));
-            if let Some(by_clock) = by_clock.filter(|ns| *ns <= ESTIMATED.as_nanos() as u64) {
-                let off = (at.as_nanos() as i128 - last.value.as_nanos() as i128)
-                    .abs_diff(i128::from(by_clock));
-                self.stamps_off = self.stamps_off.max(u64::try_from(off).unwrap_or(u64::MAX));
-            }
             let gap = by_clock.map_or(by_stamps, |ns| by_stamps.min(Duration::from_nanos(ns)));
             if self.recent > 0 && self.gap.is_none_or(|longest| gap > longest.value) {
                 self.gap = Some(Known { value: gap, frame });
@@ -103,9 +98,22 @@ impl Drift {
                 self.reference = Some(Known { value: reference, frame });
             }
         }
+        if let Some((time, (known, then))) = time.zip(self.time) {
+            self.compare(at, then, time.saturating_sub(known.value));
+        }
         self.led = time.or(self.led);
         self.time = time.map(|value| (Known { value, frame }, at)).or(self.time);
         time
+    }
+
+    /// Holds what passed by the stamps from `then` to `at` against what passed by the clock, ns.
+    fn compare(&mut self, at: Duration, then: Duration, by_clock: u64) {
+        if u128::from(by_clock) > ESTIMATED.as_nanos() {
+            return;
+        }
+        let ns = |at: Duration| i128::try_from(at.as_nanos()).unwrap_or(i128::MAX);
+        let off = (ns(at) - ns(then)).abs_diff(by_clock.into());
+        self.stamps_off = self.stamps_off.max(u64::try_from(off).unwrap_or(u64::MAX));
     }
 
     /// Whether the reference put its time into a drift frame that came back with `read`.
@@ -242,6 +250,28 @@ mod tests {
         assert_eq!(frame(&mut drift, 2, 2_010, (2_010, 3)), Some(2_010));
         assert_eq!(frame(&mut drift, 3, 3_010, (3_010, 2)), None, "the reference is gone");
         assert_eq!(frame(&mut drift, 4, 4_010, (4_010, 3)), Some(4_010));
+    }
+
+    /// What stamps are worth is told by the times that came, also where one between them did not.
+    #[test]
+    fn stamps_are_as_good_as_the_clock_says() {
+        let mut drift = Drift::default();
+        for (number, time) in [(1, 1_000_000), (2, 2_000_400), (4, 4_000_100), (90, 95_000_000)] {
+            if number == 4 {
+                frame(&mut drift, 3, 7, (7, 0));
+            }
+            frame(&mut drift, number, 0, (time, 3));
+        }
+        assert_eq!(drift.stamps_within(), Some(400));
+        let at = |us| Duration::from_micros(us);
+        assert_eq!(drift.estimate(at(90_000)), Some(95_000_000));
+        assert_eq!(drift.estimate(at(110_000)), Some(115_000_000));
+        assert_eq!(drift.estimate(at(110_001)), None, "too long ago");
+        assert_eq!(drift.estimate(at(89_999)), None, "the stamps jumped back");
+        frame(&mut drift, 91, 0, (96_050_000, 3));
+        assert_eq!(drift.stamps_within(), Some(50_000));
+        frame(&mut drift, 92, 0, (97_100_001, 3));
+        assert_eq!((drift.stamps_within(), drift.estimate(at(92_000))), (None, None));
     }
 
     #[test]

@@ -76,31 +76,36 @@ struct Phase {
     /// The first frames, before their rate is known.
     early: Vec<Sample>,
     distance: Option<Distance>,
-    frames: u64,
-    /// System times of the first and the last one, ns.
-    first: u64,
+    /// System time of the last one, ns.
     last: u64,
+    /// Intervals without pauses since the rate is known, and their sum, ns.
+    intervals: u64,
+    sum: u64,
     by_stamps: bool,
 }
 
 impl Phase {
-    fn new(feed: Feed, first: u64) -> Self {
+    fn new(feed: Feed) -> Self {
         Self {
             feed,
             early: Vec::with_capacity(EARLY),
             distance: None,
-            frames: 0,
-            first,
-            last: first,
+            last: 0,
+            intervals: 0,
+            sum: 0,
             by_stamps: false,
         }
     }
 
     /// Takes the next frame. Calls `told` with each distance that is known from now on.
     fn push(&mut self, sample: Sample, mut told: impl FnMut(Sample, i64)) {
-        self.frames += 1;
+        let interval = sample.end.wrapping_sub(self.last);
         self.last = sample.end;
         if let Some(distance) = &mut self.distance {
+            if interval <= distance.interval().saturating_mul(PAUSE) {
+                self.intervals += 1;
+                self.sum = self.sum.saturating_add(interval);
+            }
             return distance.push(sample, told);
         }
         self.early.push(sample);
@@ -110,6 +115,8 @@ impl Phase {
         self.distance = self.rate().and_then(|rate| Distance::new(self.feed.grid, rate));
         match &mut self.distance {
             Some(distance) => {
+                self.intervals = EARLY as u64 - 1;
+                self.sum = self.intervals.saturating_mul(distance.interval());
                 self.early.drain(..).for_each(|sample| distance.push(sample, &mut told));
             }
             // Frames may come evenly from some later one on.
@@ -133,10 +140,14 @@ impl Phase {
         fit.map(|(rate, _)| rate)
     }
 
-    /// The distances, if frames came all the time as often as at first.
-    fn distance(&self) -> Option<&Distance> {
-        let mean = self.last.wrapping_sub(self.first) / self.frames.saturating_sub(1).max(1);
+    /// The distances, if frames came all the time as often as at first, up to the time `latest` at
+    /// which any came last.
+    fn distance(&self, latest: u64) -> Option<&Distance> {
         let distance = self.distance.as_ref().filter(|distance| distance.count > 0)?;
+        if latest.saturating_sub(self.last) > distance.interval().saturating_mul(STOPPED) {
+            return None;
+        }
+        let mean = self.sum.checked_div(self.intervals).unwrap_or(distance.interval());
         (Rate::of(self.feed.grid.cycle, mean) == distance.rate()).then_some(distance)
     }
 }
@@ -149,8 +160,9 @@ pub(crate) struct Phases {
     trail: Trail,
     /// The place of that feed.
     trailed: Option<usize>,
-    /// The reference's system time at the first frame, ns.
+    /// The reference's system time at the end of the first frame and of the last one, ns.
     began: Option<u64>,
+    latest: u64,
 }
 
 impl Phases {
@@ -169,6 +181,7 @@ impl Phases {
             end: frame.time.wrapping_add(duration),
             duration: duration as i64,
         };
+        self.latest = sample.end;
         let began = *self.began.get_or_insert(sample.end);
         for feed in feeds.iter().filter(|feed| frame.is_of(feed)) {
             let known = self.all.iter().position(|phase| phase.feed == *feed);
@@ -176,7 +189,7 @@ impl Phases {
                 continue;
             }
             let place = known.unwrap_or_else(|| {
-                self.all.push(Phase::new(feed.clone(), sample.end));
+                self.all.push(Phase::new(feed.clone()));
                 self.all.len() - 1
             });
             let shorter = |trailed: usize| feed.grid.cycle < self.all[trailed].feed.grid.cycle;
@@ -203,22 +216,26 @@ impl Phases {
 
     /// How frames move against the reference clock. `None`: not known.
     pub fn slide(&self) -> Option<Slide> {
-        self.all[self.trailed?].distance()?;
+        self.all[self.trailed?].distance(self.latest)?;
         self.trail.slide()
     }
 
     /// The distances of a feed, and whether stamps have a share in them.
     pub fn of(&self, feed: &Feed) -> Option<(&Distance, bool)> {
         let phase = self.all.iter().find(|phase| phase.feed == *feed)?;
-        Some((phase.distance()?, phase.by_stamps))
+        Some((phase.distance(self.latest)?, phase.by_stamps))
     }
 
     /// All that are known.
     pub fn all(&self) -> impl Iterator<Item = &Distance> {
-        self.all.iter().filter_map(Phase::distance)
+        self.all.iter().filter_map(|phase| phase.distance(self.latest))
     }
 }
 
+/// Intervals from so many usual ones on are pauses.
+const PAUSE: u64 = 4;
+/// Frames whose interval passed so often without one have ended.
+const STOPPED: u64 = 8;
 /// Feeds that are kept apart.
 pub(crate) const MOST_GRIDS: usize = 64;
 /// Frames after which it is known how often they come in a cycle of SYNC0.
@@ -350,6 +367,10 @@ mod tests {
         let turned = |frame: u64| frame * 500_000 + frame.saturating_sub(20) * 500_000;
         assert!(measured(grid, (0..30).map(turned)).is_some());
         assert!(measured(grid, (0..300).map(turned)).is_none());
+        // A pause between two stretches, as long as both.
+        let paused = |frame: u64| frame * 1_000_000 + if frame < 50 { 0 } else { 100_000_000 };
+        let distance = measured(grid, (0..100).map(paused)).expect("measured");
+        assert_eq!((distance.count, distance.outside), (100, 0));
         assert!(measured(grid, (0..16).map(|frame| frame * 1_000_000)).is_none(), "too few");
         assert!(measured(grid, (0..17).map(|frame| frame * 1_000_000)).is_some());
     }
@@ -361,7 +382,8 @@ mod tests {
         let feed = |place| Feed { grid, carriers: Some(vec![place]) };
         let feeds = [feed(3), feed(5)];
         let mut phases = Phases::default();
-        for number in 0..200 {
+        // The second one ends before the first one.
+        for number in (0..200).chain((200..214).step_by(2)) {
             let place = [3, 5][number % 2];
             let time = number as u64 * 1_000_000 + 700_000;
             let by_stamps = place == 5;
@@ -372,10 +394,23 @@ mod tests {
         }
         let duration = frame::duration_ns(60) as i64;
         let found = feeds.each_ref().map(|feed| phases.of(feed).expect("measured"));
-        assert_eq!(found.map(|(distance, _)| distance.count), [100, 100]);
+        assert_eq!(found.map(|(distance, _)| distance.count), [107, 100]);
         let values = found.map(|(distance, _)| distance.longest.value + duration);
         assert_eq!(values, [1_300_000, 300_000]);
         assert_eq!(found.map(|(_, by_stamps)| by_stamps), [false, true]);
+        // For eight cycles of it there was none.
+        let time = 216 * 1_000_000 + 700_000;
+        let frame = Cyclic {
+            number: 214,
+            at_ns: 0,
+            len: 60,
+            time,
+            by_stamps: false,
+            begins: false,
+            logical: &[3],
+        };
+        phases.cyclic(&feeds, frame, |_, _, _| {});
+        assert_eq!(feeds.each_ref().map(|feed| phases.of(feed).is_some()), [true, false]);
     }
 
     /// How late each of some frames is, in tenths of a cycle; they are sent half a cycle before

@@ -173,6 +173,11 @@ impl Distance {
         self.rate
     }
 
+    /// The usual time from one frame to the next, ns.
+    pub(super) fn interval(&self) -> u64 {
+        self.step.cycle.saturating_mul(self.rate.cycles)
+    }
+
     /// Takes one more frame. Calls `told` with each distance that is known from now on, which is
     /// that of the frame before where that one was out of place.
     pub(super) fn push(&mut self, sample: Sample, mut told: impl FnMut(Sample, i64)) {
@@ -213,7 +218,7 @@ impl Distance {
     /// came behind it.
     fn close(&mut self, sample: Sample, open: Open, more: i64, told: &mut impl FnMut(Sample, i64)) {
         let Open { by, since, frames } = open;
-        let usual = frames.saturating_mul(self.rate.cycles).saturating_mul(self.step.cycle);
+        let usual = frames.saturating_mul(self.interval());
         let half = self.step.cycle / 2;
         match (by > 0, more.signum()) {
             // The next one is where it should be: this one alone was late, or early.

@@ -45,8 +45,10 @@ pub(crate) struct Drift {
     /// Drift frames since [`restart`](Self::restart).
     pub recent: u64,
     /// By how much the stamps' time from one drift frame to the next differed most from the
-    /// reference's, ns.
-    stamps_off: u64,
+    /// reference's, ns; `None`: that was not seen. The many of the way up show coarse stamps best.
+    stamps_off: Option<u64>,
+    /// A clock was set since the last time.
+    was_set: bool,
     /// Working counters of drift frames (clocks that took the time), each with the first frame that
     /// had it.
     clocks: Vec<Known<u16>>,
@@ -99,21 +101,23 @@ impl Drift {
             }
         }
         if let Some((time, (known, then))) = time.zip(self.time) {
-            self.compare(at, then, time.saturating_sub(known.value));
+            self.compare(at, then, time.checked_sub(known.value));
         }
         self.led = time.or(self.led);
         self.time = time.map(|value| (Known { value, frame }, at)).or(self.time);
         time
     }
 
-    /// Holds what passed by the stamps from `then` to `at` against what passed by the clock, ns.
-    fn compare(&mut self, at: Duration, then: Duration, by_clock: u64) {
-        if u128::from(by_clock) > ESTIMATED.as_nanos() {
-            return;
-        }
+    /// Holds what passed by the stamps from `then` to `at` against what passed by the clock, ns,
+    /// unless that was set back meanwhile.
+    fn compare(&mut self, at: Duration, then: Duration, by_clock: Option<u64>) {
+        let was_set = std::mem::take(&mut self.was_set);
+        let short = by_clock.filter(|ns| !was_set && u128::from(*ns) <= ESTIMATED.as_nanos());
+        let Some(by_clock) = short else { return };
         let ns = |at: Duration| i128::try_from(at.as_nanos()).unwrap_or(i128::MAX);
         let off = (ns(at) - ns(then)).abs_diff(by_clock.into());
-        self.stamps_off = self.stamps_off.max(u64::try_from(off).unwrap_or(u64::MAX));
+        let off = u64::try_from(off).unwrap_or(u64::MAX);
+        self.stamps_off = self.stamps_off.max(Some(off));
     }
 
     /// Whether the reference put its time into a drift frame that came back with `read`.
@@ -150,8 +154,7 @@ impl Drift {
     /// How inaccurate stamps are within some milliseconds, ns. `None`: too inaccurate to tell the
     /// reference's time by them, or not known.
     pub fn stamps_within(&self) -> Option<u64> {
-        let known = self.count > 1 && self.stamps_off <= MOST_OFF_NS;
-        known.then_some(self.stamps_off)
+        self.stamps_off.filter(|off| *off <= MOST_OFF_NS)
     }
 
     /// The reference's system time at an instant of the stamps, by the last reading and what passed
@@ -190,13 +193,18 @@ impl Drift {
     /// Forgets how inaccurate stamps were.
     pub fn forget(&mut self) {
         self.restart();
-        self.stamps_off = 0;
+        self.stamps_off = None;
     }
 
     /// Forgets the gaps so far, and counts again from here.
     pub fn restart(&mut self) {
         self.gap = None;
         self.recent = 0;
+    }
+
+    /// Notes that a clock was set: the next time does not follow the last one.
+    pub fn set(&mut self) {
+        self.was_set = true;
     }
 }
 
@@ -272,6 +280,16 @@ mod tests {
         assert_eq!(drift.stamps_within(), Some(50_000));
         frame(&mut drift, 92, 0, (97_100_001, 3));
         assert_eq!((drift.stamps_within(), drift.estimate(at(92_000))), (None, None));
+        // Nothing was compared: readings are too far apart, or the clock was set back.
+        drift.forget();
+        frame(&mut drift, 120, 0, (125_000_000, 3));
+        frame(&mut drift, 121, 0, (124_000_000, 3));
+        assert_eq!(drift.stamps_within(), None);
+        drift.set();
+        frame(&mut drift, 122, 0, (125_500_000, 3));
+        assert_eq!(drift.stamps_within(), None);
+        frame(&mut drift, 123, 0, (126_500_000, 3));
+        assert_eq!(drift.stamps_within(), Some(0));
     }
 
     #[test]

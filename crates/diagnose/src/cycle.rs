@@ -197,6 +197,7 @@ impl Cycle {
             self.marker = Some(place);
             self.rhythm = Rhythm::default();
             self.by_clock = Rhythm::default();
+            self.estimated = false;
             self.round_trip = Rhythm::default();
             self.overtaken = Rhythm::default();
         }
@@ -220,12 +221,20 @@ impl Cycle {
     }
 
     /// Notes the beginning of a cycle by the frame that was just taken apart. `time`: the
-    /// reference's system time when the frame arrived there, ns. Returns the time since the
-    /// previous cycle, ns: by the stamps and by the reference's clock.
-    pub fn begins(&mut self, at: Duration, time: Option<u64>, frame: usize) -> [Option<u64>; 2] {
+    /// reference's system time when the frame arrived there, ns; `is_back`: it came back. Returns
+    /// the time since the previous cycle, ns: by the stamps and by the reference's clock.
+    pub fn begins(
+        &mut self,
+        at: Duration,
+        time: Option<u64>,
+        frame: usize,
+        is_back: bool,
+    ) -> [Option<u64>; 2] {
         let by_stamps = self.rhythm.cycle(at, at, frame);
         let by_clock = match time {
             Some(time) => self.by_clock.cycle(Duration::from_nanos(time), at, frame),
+            // It came back, and only the last reading is too long ago: the next one tells.
+            None if self.estimated && is_back => None,
             // Without a time, the next frame has no interval by the clock either.
             None => {
                 self.by_clock.pause();
@@ -280,6 +289,7 @@ impl Cycle {
         self.silence = None;
         self.rhythm = Rhythm::default();
         self.by_clock = Rhythm::default();
+        self.estimated = false;
         self.round_trip = Rhythm::default();
         self.overtaken = Rhythm::default();
         self.answer = None;
@@ -303,6 +313,7 @@ impl Cycle {
     pub fn forget(&mut self) {
         self.rhythm = Rhythm::default();
         self.by_clock = Rhythm::default();
+        self.estimated = false;
         self.round_trip = Rhythm::default();
         self.overtaken = Rhythm::default();
         self.answer = None;
@@ -371,6 +382,23 @@ const MOST_GAPS: usize = 32;
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// By stamps the time is known near a drift frame only. What passed meanwhile counts, unless
+    /// frames were lost.
+    #[test]
+    fn a_pause_without_readings_counts() {
+        for (is_back, longest) in [(true, 52_000_000), (false, 1_000_000)] {
+            let mut cycle = Cycle { estimated: true, ..Cycle::default() };
+            let mut begins = |ms: u64, known: bool, is_back| {
+                let at = Duration::from_millis(ms);
+                cycle.begins(at, known.then_some(ms * 1_000_000), ms as usize, is_back);
+            };
+            (0..30).for_each(|ms| begins(ms, true, true));
+            begins(80, false, is_back);
+            (81..90).for_each(|ms| begins(ms, true, true));
+            assert_eq!(cycle.by_clock.longest[0].ns, longest);
+        }
+    }
 
     #[test]
     fn intervals_in_three_digits() {

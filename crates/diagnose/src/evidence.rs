@@ -96,7 +96,8 @@ fn is_set_up(device: &Device) -> bool {
 /// given SYNC0, and that all operated.
 pub(crate) fn operates_without_sync(observer: &Observer) -> bool {
     let devices = &observer.devices.list;
-    let all = observer.reach.kept.last().is_some_and(|last| usize::from(last.to) == devices.len());
+    let reach = observer.reach.kept.last().filter(|_| observer.reach.left_off() == 0);
+    let all = reach.is_some_and(|last| usize::from(last.to) == devices.len());
     let cycles = observer.cycle.rhythm.count >= LEAST_CYCLES;
     let operates = |device: &Device| {
         let switched = &device.sync.switched;
@@ -274,8 +275,9 @@ fn overdue(last: Switched) -> Option<Nanos> {
 
 /// The time from the instant at which punctual frames reach the reference clock to SYNC0.
 fn frame_to_sync0(observer: &Observer, place: usize) -> Option<Picos> {
-    let (distance, within) = observer.distance(place)?;
-    if distance.slides() || distance.count < LEAST_CYCLES {
+    let (measured, within) = observer.distance(place)?;
+    let distance = measured.distance;
+    if measured.ended || distance.slides() || distance.count < LEAST_CYCLES {
         return None;
     }
     let cycle = i64::try_from(distance.grid.cycle).ok()?;

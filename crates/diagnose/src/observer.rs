@@ -17,7 +17,7 @@ use crate::evidence;
 use crate::judge::claims::{self, Held};
 use crate::known::{Known, Log};
 use crate::measured::{Measured, Onlooker};
-use crate::phase::{Cyclic, Distance, Feed, MOST_GRIDS, Phases};
+use crate::phase::{self, Cyclic, Feed, MOST_GRIDS, Phases};
 use crate::talker::Talkers;
 
 /// A change of the number of SubDevices that frames pass.
@@ -79,6 +79,8 @@ pub(crate) struct Observer {
     feeds: Vec<Feed>,
     fed: Vec<Option<usize>>,
     feeds_are_old: bool,
+    /// When the wire at the reference is free after the last frame, by its clock, ns.
+    wire_free: Option<u64>,
     /// Exchanges that were taken.
     pub exchanges: u64,
     /// The first frame of the last exchange.
@@ -120,6 +122,7 @@ impl Observer {
             feeds: Vec::new(),
             fed: Vec::new(),
             feeds_are_old: true,
+            wire_free: None,
             exchanges: 0,
             frame: 0,
             first: None,
@@ -196,15 +199,18 @@ impl Observer {
         if self.drift.stamps_within().is_none() {
             self.cycle.distrust_stamps();
         }
-        let estimate = || self.drift.estimate(at).filter(|_| is_back && !has_drift);
-        let known = time.or_else(estimate);
+        let estimate = || self.drift.estimate(at).filter(|_| !has_drift);
+        let first_bit = time.or_else(|| Some(self.queued(estimate()?)));
+        let duration = isocat_wire::frame::duration_ns(first.bytes.len());
+        self.wire_free = first_bit.map(|begin| begin.wrapping_add(duration + GAP_NS));
+        let known = first_bit.filter(|_| time.is_some() || is_back);
         if let Some(index) = begins.filter(|_| judged) {
             if self.cycle.is_same_again(at, known, index) {
                 self.doubled.push(Known { value: at, frame: first.number });
                 return;
             }
             self.cycle.estimated |= known.is_some() && time.is_none();
-            let [by_stamps, by_clock] = self.cycle.begins(at, known, frame);
+            let [by_stamps, by_clock] = self.cycle.begins(at, known, frame, is_back);
             if let Some((request, answer)) = exchange.request.as_ref().zip(exchange.answer.as_ref())
             {
                 let took = answer.at.saturating_sub(at).as_nanos() as u64;
@@ -238,10 +244,17 @@ impl Observer {
         }
     }
 
+    /// When a frame that was sent at a time of the reference clock comes there: not before the last
+    /// bit of the one before it.
+    fn queued(&self, sent: u64) -> u64 {
+        let free = self.wire_free.filter(|free| free.wrapping_sub(sent) < MOST_QUEUED_NS);
+        free.unwrap_or(sent)
+    }
+
     /// Collects which frames are measured against which SYNC0.
     fn find_feeds(&mut self) {
-        self.feeds.clear();
-        self.fed.clear();
+        let old = std::mem::take(&mut self.feeds);
+        let fed = std::mem::take(&mut self.fed);
         for device in &self.devices.list {
             let feed = device.sync.grid().map(|grid| Feed {
                 grid,
@@ -255,13 +268,21 @@ impl Observer {
             });
             self.fed.push(place);
         }
+        // More datagrams have the process data of a device, and it goes on with them.
+        for (before, now) in fed.into_iter().zip(&self.fed) {
+            let (Some(before), Some(now)) = (before, *now) else { continue };
+            let (before, now) = (&old[before], &self.feeds[now]);
+            if now.continues(before) && !self.feeds.contains(before) {
+                self.phases.rename(before, now);
+            }
+        }
     }
 
     /// The distances from the frames of a device to its SYNC0 in operation, and how inaccurate they
     /// are where stamps have a share in them, ns; `None`: not known.
-    pub fn distance(&self, place: usize) -> Option<(&Distance, u64)> {
-        let (distance, by_stamps) = self.phases.of(&self.feeds[(*self.fed.get(place)?)?])?;
-        Some((distance, if by_stamps { self.drift.stamps_within()? } else { 0 }))
+    pub fn distance(&self, place: usize) -> Option<(phase::Measured<'_>, u64)> {
+        let measured = self.phases.of(&self.feeds[(*self.fed.get(place)?)?])?;
+        Some((measured, if measured.by_stamps { self.drift.stamps_within()? } else { 0 }))
     }
 
     /// Forgets the events so far, to bound memory. What devices are and how they were set up stays
@@ -392,6 +413,9 @@ impl Observer {
         let written = access.written().filter(|_| access.taken() != Some(false));
         if let Some(data) = written {
             device.write(first, data, access.frame, at);
+            if access.covers(register::SYSTEM_TIME_OFFSET.address, 4) {
+                self.drift.set();
+            }
             if let Some(control) = low_and_high(first, data, register::AL_CONTROL.address) {
                 device.states.ask(access.frame, at, AlControl(control));
             }
@@ -415,7 +439,7 @@ impl Observer {
         if written.is_some() {
             self.station_written(place, access);
         }
-        if written.is_some() || read.is_some() {
+        if written.is_some() || read.is_some() && access.ado() < FMMUS_END {
             self.mapping_seen(access);
         }
         if let Some(data) = read {
@@ -531,6 +555,7 @@ impl Observer {
             if self.held.len() < MOST_STRETCHES {
                 self.held.extend(claims::hold(self));
             }
+            self.phases.pause();
             self.left = Some(Known { value: at, frame });
             self.devices.list.iter_mut().for_each(|device| device.sync.left_operation());
             self.cycle.rhythm.pause();
@@ -542,8 +567,13 @@ impl Observer {
 
 /// Stretches of operation that are held against the claims.
 const MOST_STRETCHES: usize = 64;
-/// FMMUs and SyncManagers.
+/// FMMUs and SyncManagers. What is read behind the FMMUs is often the state of a SyncManager.
 const MAPPING: Range<u16> = 0x0600..0x0900;
+const FMMUS_END: u16 = 0x0700;
+/// From the end of a frame to the next one's first bit behind its preamble, ns.
+const GAP_NS: u64 = 1_600;
+/// Frames that would wait for the wire for longer were not sent together, ns.
+const MOST_QUEUED_NS: u64 = 5_000_000;
 /// Cycles without a reading of any state, after which a requested OP counts as reached.
 const LEAST_UNWATCHED: u64 = 100;
 /// Events of one kind that are kept.

@@ -42,6 +42,18 @@ pub(crate) struct Feed {
     pub carriers: Option<Vec<usize>>,
 }
 
+impl Feed {
+    /// Whether it has all frames of `before`, and further ones.
+    pub fn continues(&self, before: &Self) -> bool {
+        let all = |now: &[usize], before: &[usize]| before.iter().all(|one| now.contains(one));
+        let more = match (&self.carriers, &before.carriers) {
+            (Some(now), Some(before)) => all(now, before),
+            _ => false,
+        };
+        self.grid == before.grid && more
+    }
+}
+
 /// A frame with process data.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cyclic<'a> {
@@ -140,16 +152,30 @@ impl Phase {
         fit.map(|(rate, _)| rate)
     }
 
-    /// The distances, if frames came all the time as often as at first, up to the time `latest` at
-    /// which any came last.
-    fn distance(&self, latest: u64) -> Option<&Distance> {
+    /// The distances, if frames came all the time as often as at first.
+    fn distance(&self) -> Option<&Distance> {
         let distance = self.distance.as_ref().filter(|distance| distance.count > 0)?;
-        if latest.saturating_sub(self.last) > distance.interval().saturating_mul(STOPPED) {
-            return None;
-        }
         let mean = self.sum.checked_div(self.intervals).unwrap_or(distance.interval());
-        (Rate::of(self.feed.grid.cycle, mean) == distance.rate()).then_some(distance)
+        let (cycle, rate) = (self.feed.grid.cycle, distance.rate());
+        // Some may be lost.
+        (Rate::of(cycle, mean) == rate || rate.fits(cycle, mean)).then_some(distance)
     }
+
+    /// Whether none came for some time before `latest`, at which any came last.
+    fn has_ended(&self, latest: u64) -> bool {
+        let interval = self.distance.as_ref().map_or(0, Distance::interval);
+        latest.saturating_sub(self.last) > interval.saturating_mul(STOPPED)
+    }
+}
+
+/// The distances of one feed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Measured<'a> {
+    pub distance: &'a Distance,
+    /// Stamps have a share in them.
+    pub by_stamps: bool,
+    /// Other frames went on when these had ended.
+    pub ended: bool,
 }
 
 /// The distances of all feeds since operation began.
@@ -184,7 +210,7 @@ impl Phases {
         self.latest = sample.end;
         let began = *self.began.get_or_insert(sample.end);
         for feed in feeds.iter().filter(|feed| frame.is_of(feed)) {
-            let known = self.all.iter().position(|phase| phase.feed == *feed);
+            let known = self.place(feed);
             if known.is_none() && self.all.len() >= MOST_GRIDS {
                 continue;
             }
@@ -198,37 +224,58 @@ impl Phases {
                 self.trail = Trail::default();
             }
             // Where two feeds have one grid, the first one is told.
-            let first = self.all.iter().position(|phase| phase.feed.grid == feed.grid);
+            let first = feeds.iter().find(|other| other.grid == feed.grid);
+            let is_told = first == Some(feed);
             let phase = &mut self.all[place];
             phase.by_stamps |= frame.by_stamps;
             phase.push(sample, |sample, ns| {
                 if self.trailed == Some(place) {
                     let since = sample.end.wrapping_sub(began);
                     // A frame that comes later is nearer to SYNC0.
-                    self.trail.take(since.saturating_mul(1_000), Picos(-ns * 1_000));
+                    self.trail.take(since.saturating_mul(1_000), Picos(ns.saturating_mul(-1_000)));
                 }
-                if first == Some(place) {
+                if is_told {
                     told(sample.at_ns, feed.grid, ns);
                 }
             });
         }
     }
 
+    /// The frames of `old` go on as those of `new`: further datagrams have the same process data.
+    pub fn rename(&mut self, old: &Feed, new: &Feed) {
+        if let Some(place) = self.place(old).filter(|_| self.place(new).is_none()) {
+            self.all[place].feed = new.clone();
+        }
+    }
+
+    /// Operation ends for some time.
+    pub fn pause(&mut self) {
+        self.all.iter_mut().filter_map(|phase| phase.distance.as_mut()).for_each(Distance::pause);
+    }
+
+    fn place(&self, feed: &Feed) -> Option<usize> {
+        self.all.iter().position(|phase| phase.feed == *feed)
+    }
+
     /// How frames move against the reference clock. `None`: not known.
     pub fn slide(&self) -> Option<Slide> {
-        self.all[self.trailed?].distance(self.latest)?;
+        self.all[self.trailed?].distance()?;
         self.trail.slide()
     }
 
-    /// The distances of a feed, and whether stamps have a share in them.
-    pub fn of(&self, feed: &Feed) -> Option<(&Distance, bool)> {
-        let phase = self.all.iter().find(|phase| phase.feed == *feed)?;
-        Some((phase.distance(self.latest)?, phase.by_stamps))
+    /// The distances of a feed; `None`: not known.
+    pub fn of(&self, feed: &Feed) -> Option<Measured<'_>> {
+        let phase = &self.all[self.place(feed)?];
+        Some(Measured {
+            distance: phase.distance()?,
+            by_stamps: phase.by_stamps,
+            ended: phase.has_ended(self.latest),
+        })
     }
 
     /// All that are known.
     pub fn all(&self) -> impl Iterator<Item = &Distance> {
-        self.all.iter().filter_map(|phase| phase.distance(self.latest))
+        self.all.iter().filter_map(Phase::distance)
     }
 }
 
@@ -255,7 +302,7 @@ mod tests {
                 Cyclic { number, at_ns: time, len: 60, time, by_stamps, begins, logical: &[] };
             phases.cyclic(&feeds, frame, |_, _, _| {});
         }
-        phases.of(&feeds[0]).map(|(distance, _)| distance.clone())
+        phases.of(&feeds[0]).map(|found| found.distance.clone())
     }
 
     #[test]
@@ -394,10 +441,10 @@ mod tests {
         }
         let duration = frame::duration_ns(60) as i64;
         let found = feeds.each_ref().map(|feed| phases.of(feed).expect("measured"));
-        assert_eq!(found.map(|(distance, _)| distance.count), [107, 100]);
-        let values = found.map(|(distance, _)| distance.longest.value + duration);
+        assert_eq!(found.map(|found| found.distance.count), [107, 100]);
+        let values = found.map(|found| found.distance.longest.value + duration);
         assert_eq!(values, [1_300_000, 300_000]);
-        assert_eq!(found.map(|(_, by_stamps)| by_stamps), [false, true]);
+        assert_eq!(found.map(|found| found.by_stamps), [false, true]);
         // For eight cycles of it there was none.
         let time = 216 * 1_000_000 + 700_000;
         let frame = Cyclic {
@@ -410,7 +457,12 @@ mod tests {
             logical: &[3],
         };
         phases.cyclic(&feeds, frame, |_, _, _| {});
-        assert_eq!(feeds.each_ref().map(|feed| phases.of(feed).is_some()), [true, false]);
+        assert_eq!(feeds.each_ref().map(|feed| phases.of(feed).unwrap().ended), [false, true]);
+        // Another datagram with the same data goes on where the first one was.
+        let more = Feed { grid, carriers: Some(vec![3, 8]) };
+        phases.rename(&feeds[0], &more);
+        assert!(phases.of(&feeds[0]).is_none());
+        assert_eq!(phases.of(&more).map(|found| found.distance.count), Some(107));
     }
 
     /// How late each of some frames is, in tenths of a cycle; they are sent half a cycle before
@@ -445,6 +497,11 @@ mod tests {
         assert_eq!(outside(&[4, 0, 4, 0, 3, 4, 0], 0), none);
         // A frame left out is no late one, nor are those behind it.
         for skipped in 1..5 {
+            let at = |frame: u64| frame + if frame < 50 { 0 } else { skipped };
+            let times = (0..200).map(|frame| at(frame) * 1_000_000 + 500_000);
+            let distance = measured(grid, times).expect("measured");
+            let gap = (1 + skipped) * 1_000_000;
+            assert_eq!((distance.missing, distance.gap.value), (1, gap), "{skipped}");
             assert_eq!(outside(&[], skipped), none, "{skipped}");
             assert_eq!(outside(&[4], skipped), none, "{skipped}");
         }

@@ -91,7 +91,8 @@ struct Doubts {
     /// The capture has answers alone and ends in operation, so it is not known what came behind the
     /// last answer.
     is_open: bool,
-    /// All devices came up in the capture, without SYNC0, and operated to its end.
+    /// All devices came up in the capture, without SYNC0, and operated. What they did after that is
+    /// a finding.
     has_no_sync: bool,
 }
 

@@ -31,6 +31,15 @@ impl Scenario {
         }
     }
 
+    /// Whether nobody asks for outputs without a watchdog.
+    fn is_guarded(&self, profile: &Profile) -> bool {
+        let off = match self.watchdog {
+            Some(time) => time == Nanos::ZERO,
+            None => profile.watchdog.time().is_none(),
+        };
+        !off && asks_for_watchdog(profile)
+    }
+
     fn claims_of(&self, device: &SubDevice) -> DeviceClaims {
         let asked = device.asked.mode.is_some() || device.asked.op_mode;
         let mode = device.mode.filter(|_| asked);
@@ -55,7 +64,7 @@ impl Scenario {
             in_phase: acts_on_sync0,
             has_data: has_data(&device.profile),
             cycle: Some(own),
-            guarded: self.watchdog != Some(Nanos::ZERO) && asks_for_watchdog(&device.profile),
+            guarded: self.is_guarded(&device.profile),
             watchdog: self
                 .watchdog
                 .filter(|time| *time > Nanos::ZERO && asks_for_watchdog(&device.profile)),

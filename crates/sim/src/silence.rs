@@ -18,6 +18,14 @@ struct Counts {
     received: u64,
 }
 
+impl Counts {
+    fn of(counts: &Statistics) -> Self {
+        // Answers that come too late are answers.
+        let received = counts.frames_received + counts.frames_late;
+        Self { sent: counts.frames_sent, received }
+    }
+}
+
 /// A time in which no frame came back.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Silence {
@@ -36,7 +44,7 @@ impl Silence {
 impl Silences {
     /// Looks at the counts of the MainDevice.
     pub fn look(&mut self, now: Time<True>, counts: &Statistics) {
-        let now_counts = Counts { sent: counts.frames_sent, received: counts.frames_received };
+        let now_counts = Counts::of(counts);
         let (at, then) = *self.last.get_or_insert((now, now_counts));
         if now_counts.received != then.received {
             self.ends(at, then, now, now_counts);
@@ -46,7 +54,7 @@ impl Silences {
 
     /// The longest one up to now.
     pub fn longest(mut self, now: Time<True>, counts: &Statistics) -> Option<Silence> {
-        let now_counts = Counts { sent: counts.frames_sent, received: counts.frames_received };
+        let now_counts = Counts::of(counts);
         if let Some((at, then)) = self.last {
             self.ends(at, then, now, now_counts);
         }
@@ -96,5 +104,13 @@ mod tests {
         assert_eq!(longest(15, 20), None);
         assert_eq!(longest(16, 19), None);
         assert_eq!(longest(900, 500), Some((500, 900)));
+        // Answers that were given up and came after all.
+        let mut silences = Silences::default();
+        let late =
+            |count| Statistics { frames_sent: count, frames_late: count, ..Statistics::default() };
+        for ms in 0..100 {
+            silences.look(Time::ZERO + Picos(ms * 1_000_000_000), &late(ms as u64));
+        }
+        assert_eq!(silences.longest(Time::ZERO + Picos(100_000_000_000), &late(100)), None);
     }
 }

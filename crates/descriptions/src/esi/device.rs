@@ -183,7 +183,7 @@ pub(super) fn read<'a>(
         pdo_group: read::attribute(kind, "ModulePdoGroup", U16, w)?.unwrap_or(0) as u16,
         slots: slots::read(element, w)?,
         modules: Vec::new(),
-        registers: registers::read(element, w)?,
+        registers: registers::read(element, w),
         eeprom: eeprom::read(element, w)?,
         type_name,
         warnings: Vec::new(),

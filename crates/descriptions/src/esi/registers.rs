@@ -1,7 +1,8 @@
 //! Registers that the description orders a MainDevice to write.
 
-use super::read::{self, U16};
-use super::tree::{Element, Problem};
+use super::numbers::number;
+use super::read::cut;
+use super::tree::Element;
 use super::warning::{WarningKind, Warnings};
 
 /// `Device/ESC`: values for registers of the watchdogs; `None` where the file has none, so that the
@@ -16,23 +17,28 @@ pub struct EsiRegisters {
     pub process_data: Option<u16>,
 }
 
-/// Reads the registers. One that nothing here writes is a doubt, unless it is to be 0.
-pub(super) fn read(device: Element<'_>, warnings: &mut Warnings) -> Result<EsiRegisters, Problem> {
-    let Some(element) = device.child("ESC") else { return Ok(EsiRegisters::default()) };
-    let mut of = |name| {
-        let value = read::child(element, name, U16, warnings)?;
-        Ok(value.map(|value| value as u16))
-    };
-    let registers =
-        EsiRegisters { divider: of("Reg0400")?, pdi: of("Reg0410")?, process_data: of("Reg0420")? };
+/// Reads the registers. One that nothing here writes, or that no register can have, is a doubt,
+/// unless it is to be 0.
+pub(super) fn read(device: Element<'_>, warnings: &mut Warnings) -> EsiRegisters {
+    let mut registers = EsiRegisters::default();
+    let Some(element) = device.child("ESC") else { return registers };
     for child in element.elements() {
-        let name = child.name();
-        let is_zero = super::numbers::number(&child.text()).is_some_and(|found| found.value == 0);
-        if !["Reg0400", "Reg0410", "Reg0420"].contains(&name) && !is_zero {
-            warnings.add(WarningKind::RegisterUnused, child.at(), || {
-                format!("<{name}> = {} is not written", read::cut(&child.text()))
-            });
+        let text = child.text();
+        let value = number(&text).map(|found| found.value);
+        let written = match child.name() {
+            "Reg0400" => Some(&mut registers.divider),
+            "Reg0410" => Some(&mut registers.pdi),
+            "Reg0420" => Some(&mut registers.process_data),
+            _ => None,
+        };
+        match (written, value.map(u16::try_from)) {
+            (Some(register), Some(Ok(value))) => *register = Some(value),
+            (None, Some(Ok(0))) => {}
+            _ if text.trim().is_empty() => {}
+            _ => warnings.add(WarningKind::RegisterUnused, child.at(), || {
+                format!("<{}> = {} is not written", child.name(), cut(&text))
+            }),
         }
     }
-    Ok(registers)
+    registers
 }

@@ -9,6 +9,7 @@ use crate::device::{Device, Silence};
 use crate::finding::{Finding, Kind, Which};
 use crate::known::Log;
 use crate::observer::Observer;
+use crate::phase::Measured;
 
 pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
     for logical in &observer.cycle.logical {
@@ -228,7 +229,7 @@ fn skipped(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
     let limit = cycle_ns + cycle_ns / 2;
     let mut gaps: Vec<_> = rhythm.longest.iter().filter(|gap| gap.ns > limit).collect();
     gaps.sort_by_key(|gap| gap.frame);
-    let Some(first) = gaps.first() else { return };
+    let Some(first) = gaps.first() else { return left_out(observer, both_ways, all) };
     let longest_ns = rhythm.longest.first().map_or(0, |gap| gap.ns);
     let count = count_of(rhythm, limit, gaps.len());
     let kind = match by_clock {
@@ -238,6 +239,26 @@ fn skipped(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
     };
     let more = gaps.iter().map(|gap| gap.frame).take(MOST_FRAMES);
     all.push(Finding::new(kind, None, first.frame).at(first.at).with(more));
+}
+
+/// Finds devices whose own frames were not sent at times, while those that begin a cycle were. Lost
+/// ones are a finding already.
+fn left_out(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
+    if all.iter().any(|found| matches!(found.kind, Kind::FramesLost { .. })) {
+        return;
+    }
+    for place in 0..observer.devices.list.len() {
+        let Some((Measured { distance, .. }, _)) = observer.distance(place) else { continue };
+        let (count, longest_ns) = (distance.missing, distance.gap.value);
+        if count > 0 {
+            let cycle_ns = distance.interval();
+            let kind = match both_ways {
+                true => Kind::CyclesSkipped { count, longest_ns, cycle_ns },
+                false => Kind::CyclesMissing { count, longest_ns, cycle_ns },
+            };
+            all.push(Finding::new(kind, Some(place), distance.gap.frame).likely());
+        }
+    }
 }
 
 /// The number of intervals above `limit`. If all of the kept ones are above it, there may be more,

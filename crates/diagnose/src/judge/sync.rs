@@ -10,7 +10,7 @@ use super::{MOST_FRAMES, delay, mode, reference};
 use crate::device::Device;
 use crate::finding::{Finding, Kind};
 use crate::observer::Observer;
-use crate::phase::Distance;
+use crate::phase::{Distance, Measured};
 
 pub(super) fn judge(observer: &Observer, all: &mut Vec<Finding>) {
     drift_frames(observer, all);
@@ -254,10 +254,12 @@ pub(crate) struct OfDevice<'a> {
     pub delay: i64,
     /// How inaccurate it is, as stamps of the capture have a share in it, ns; else 0.
     pub within: i64,
+    /// Other frames went on when its own had ended.
+    pub ended: bool,
 }
 
 pub(crate) fn distance(observer: &Observer, place: usize) -> Option<OfDevice<'_>> {
-    let (distance, within) = observer.distance(place)?;
+    let (Measured { distance, ended, .. }, within) = observer.distance(place)?;
     let within = within as i64;
     let delay = delay(observer, &observer.devices.list[place])?;
     // Whether the nearest frame came before or behind SYNC0 must be told.
@@ -265,11 +267,11 @@ pub(crate) fn distance(observer: &Observer, place: usize) -> Option<OfDevice<'_>
     let [shortest, longest] =
         [distance.shortest, distance.longest].map(|known| known.value - delay);
     let told = |ns: i64| (ns - within).div_euclid(cycle) == (ns + within).div_euclid(cycle);
-    (told(shortest) && told(longest)).then_some(OfDevice { distance, delay, within })
+    (told(shortest) && told(longest)).then_some(OfDevice { distance, delay, within, ended })
 }
 
 fn distances(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
-    let Some(OfDevice { distance, delay, within }) = distance(observer, place) else { return };
+    let Some(OfDevice { distance, delay, within, .. }) = distance(observer, place) else { return };
     let sure = |finding: Finding| if within > 0 { finding.likely() } else { finding };
     if distance.slides() {
         return;

@@ -83,6 +83,9 @@ pub(crate) struct Distance {
     /// Frames whose distance was below 0 or not below the cycle, and the first of them.
     pub outside: u64,
     pub first_outside: Option<Known<i64>>,
+    /// How often a frame was missing, and the longest time without one, ns.
+    pub missing: u64,
+    pub gap: Known<u64>,
     sum: i128,
     course: Course,
 }
@@ -164,6 +167,8 @@ impl Distance {
             turns: 0,
             outside: 0,
             first_outside: None,
+            missing: 0,
+            gap: Known { value: 0, frame: 0 },
             sum: 0,
             course: Course::default(),
         })
@@ -174,7 +179,7 @@ impl Distance {
     }
 
     /// The usual time from one frame to the next, ns.
-    pub(super) fn interval(&self) -> u64 {
+    pub fn interval(&self) -> u64 {
         self.step.cycle.saturating_mul(self.rate.cycles)
     }
 
@@ -208,6 +213,12 @@ impl Distance {
         }
     }
 
+    /// Operation ends for some time: the next frame does not follow the last one.
+    pub(super) fn pause(&mut self) {
+        self.before = None;
+        self.open = None;
+    }
+
     /// The number of the last pulse before an instant. A frame that ends with a pulse came before
     /// it.
     fn pulse(&self, at: u64) -> i128 {
@@ -225,7 +236,7 @@ impl Distance {
             (true, -1) => self.take(sample, -by.min(-more), told),
             (false, 1) => self.take(sample, (-by).min(more), told),
             // It stays so. One that came soon after the one before has moved past the pulse.
-            (true, _) if since < usual + half => {
+            (true, _) if since < usual.saturating_add(half) => {
                 self.turn(by);
                 self.take(sample, 0, told);
             }
@@ -233,8 +244,16 @@ impl Distance {
                 self.turn(by);
                 self.take(sample, 0, told);
             }
-            // Frames before it are missing.
-            (true, _) => self.take(sample, 0, told),
+            // Frames before it are missing. Of several in a cycle the others tell it.
+            (true, _) => {
+                if self.rate.frames == 1 {
+                    self.missing += 1;
+                    if since > self.gap.value {
+                        self.gap = Known { value: since, frame: sample.number };
+                    }
+                }
+                self.take(sample, 0, told);
+            }
             // It is one too many.
             (false, _) => {}
         }
@@ -247,7 +266,7 @@ impl Distance {
     /// Takes the distance of a frame that is alone `early` pulses before where it should be.
     fn take(&mut self, sample: Sample, early: i64, told: &mut impl FnMut(Sample, i64)) {
         let ahead = self.step.ahead(sample.end) as i64;
-        let ns = ahead + (self.turns + early) * self.step.cycle as i64;
+        let ns = ahead.saturating_add((self.turns + early).saturating_mul(self.step.cycle as i64));
         // SYNC0 comes at some of the pulses only: the next frame may be the one for it.
         if sample.end.wrapping_add_signed(ns) % self.grid.cycle != self.grid.phase {
             return;

@@ -250,7 +250,8 @@ fn switched(builder: &Builder<'_>, one: &crate::sync_unit::Switched) -> SyncSwit
 }
 
 fn distance(builder: &Builder<'_>, place: usize) -> Option<Distance> {
-    let OfDevice { distance, delay, within } = judge::sync::distance(builder.observer, place)?;
+    let known = judge::sync::distance(builder.observer, place)?;
+    let OfDevice { distance, delay, within, .. } = Some(known).filter(|known| !known.ended)?;
     let shown = |known: Known<i64>| Shown {
         value: known.value - delay,
         frame: builder.files.place(known.frame),

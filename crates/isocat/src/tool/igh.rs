@@ -49,6 +49,7 @@ fn limits(sheet: &Sheet) -> Vec<String> {
                 .into(),
         );
     }
+    limits.extend(sheet.watchdogs_at_igh());
     limits
 }
 
@@ -185,7 +186,7 @@ fn device_calls(page: &mut Page, device: &Device) {
         page.note(3, &object.why);
         download(page, at, object);
     }
-    if let Some(watchdog) = device.watchdog {
+    if let Some(watchdog) = device.watchdog.filter(|watchdog| watchdog.is_of_process_data()) {
         let (divider, steps) = (watchdog.divider(), watchdog.steps());
         page.note(
             3,

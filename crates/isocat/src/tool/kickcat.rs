@@ -16,7 +16,10 @@ pub(super) fn text(sheet: &Sheet) -> String {
     );
     page.note(0, format!("Bus cycle, s: {}", sheet.why_cycle));
     page.line(format!("CYCLE = {:?}", sheet.cycle_ns as f64 / 1e9));
-    let watchdog = sheet.devices.iter().find_map(|device| device.watchdog);
+    // One for all: the longest one trips nobody's.
+    let written = sheet.devices.iter().filter_map(|device| device.watchdog);
+    let written = written.filter(|watchdog| watchdog.is_of_process_data());
+    let watchdog = written.max_by_key(|watchdog| watchdog.time_ns());
     match watchdog {
         Some(_) => page
             .note(0, "Watchdog of the process data, s, the same for all: as the plan writes it."),
@@ -68,6 +71,16 @@ fn limits(sheet: &Sheet) -> Vec<String> {
             {position} ({name}) is left out.",
             unit.word
         ));
+    }
+    let has_outputs = |device: &&Device| device.channels.iter().any(|channel| channel.outputs);
+    let mut times: Vec<_> = sheet.devices.iter().filter(has_outputs).collect();
+    times.dedup_by_key(|device| device.watchdog.map(|watchdog| watchdog.time_ns()));
+    let differ = times.len() > 1 && times.iter().any(|device| device.watchdog.is_some());
+    if differ {
+        limits.push(
+            "KickCAT writes one watchdog to all devices: the longest that any of them is to have."
+                .to_owned(),
+        );
     }
     limits
 }

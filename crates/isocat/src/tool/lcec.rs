@@ -49,6 +49,7 @@ fn limits(sheet: &Sheet) -> Vec<String> {
     if sheet.has_unusual_transitions() {
         add("every sdoConfig is written in PREOP; another transition stands with its element.");
     }
+    limits.extend(sheet.watchdogs_at_igh());
     limits
 }
 
@@ -64,7 +65,7 @@ fn slave(page: &mut Page, device: &Device) {
     if let Some(unit) = &device.unit {
         dc_conf(page, unit);
     }
-    if let Some(watchdog) = device.watchdog {
+    if let Some(watchdog) = device.watchdog.filter(|watchdog| watchdog.is_of_process_data()) {
         let (divider, steps) = (watchdog.divider(), watchdog.steps());
         let unit = isocat_wire::time::Nanos((i64::from(divider) + 2) * 40);
         page.note(6, format!("Watchdog of the process data: {steps} steps of {unit}."));

@@ -165,6 +165,24 @@ impl Sheet {
         ))
     }
 
+    /// The limits of IgH's master about the watchdogs.
+    pub(super) fn watchdogs_at_igh(&self) -> Vec<String> {
+        let of = |device: &Device| {
+            let watchdog = device.watchdog?;
+            let pdi = watchdog.pdi.map(|steps| {
+                format!("the watchdog of the PDI (0x0410, {steps} steps) can't be set: the chip's own stays.")
+            });
+            let off =
+                watchdog.registers().any(|(_, register, value)| register != 0x0410 && value == 0);
+            let off = off.then(|| {
+                "a watchdog's register of 0 is not written: the chip's own value stays.".to_owned()
+            });
+            let place = format!("SubDevice {} ({}): ", device.position, device.name);
+            Some(pdi.into_iter().chain(off).map(move |text| format!("{place}{text}")))
+        };
+        self.devices.iter().filter_map(of).flatten().collect()
+    }
+
     /// Whether a download has another transition than the one in which most tools make all of them.
     pub(super) fn has_unusual_transitions(&self) -> bool {
         let unusual = |object: &Object| object.unusual_transition().is_some();
@@ -311,6 +329,11 @@ impl Watchdog {
     /// Register 0x0420.
     pub fn steps(self) -> u16 {
         self.process_data.unwrap_or(1000)
+    }
+
+    /// Whether what is written is about the process data.
+    pub fn is_of_process_data(self) -> bool {
+        self.divider.or(self.process_data).is_some()
     }
 
     /// The time of the process data, ns.

@@ -363,6 +363,11 @@ fn registers_of_the_description_are_obeyed_or_doubted() {
     assert_eq!(written(&list), []);
     let told = list.devices[0].notes.iter().any(|note| note.contains("<Reg0108> = #x0200"));
     assert!(told, "{:?}", list.devices[0].notes);
+    let file = with_registers("bad", "<Reg0108/><Reg0420>70000</Reg0420>");
+    let list = start_up(&file.scenario(keys));
+    assert_eq!(written(&list), []);
+    let told: Vec<_> = list.devices[0].notes.iter().filter(|note| note.contains("<Reg")).collect();
+    assert!(told.len() == 1 && told[0].contains("<Reg0420> = 70000"), "{told:?}");
 }
 
 /// A watchdog of 10 steps fits a cycle just below it, less what the host may be late, and none
@@ -385,6 +390,13 @@ fn the_watchdog_of_the_description_is_planned_with() {
     assert!(fits(&steps(4998), 1_900));
     assert!(!fits(&steps(4998), 2_000));
     assert!(fits("<Reg0420>0</Reg0420>", 2_000));
+    // One that the maker switches off is none that a MainDevice forgot.
+    let guarded = |registers: &str| {
+        let file = with_registers("guarded", registers);
+        file.scenario("type = \"Drive\"\nopmode = 1").claims().devices[0].guarded
+    };
+    assert!(guarded("") && guarded("<Reg0420>10</Reg0420>"));
+    assert!(!guarded("<Reg0420>0</Reg0420>"));
 }
 
 /// An interpolation time (0x60C2) becomes the device's cycle, as no drive interpolates rightly over
@@ -423,6 +435,7 @@ fn an_interpolation_time_becomes_the_cycle() {
         assert_eq!(written(&both, cycle, own), (expected, true), "{cycle} {own}");
     }
     assert_eq!(written(&part(1, "0A"), "\"2ms\"", ""), (vec![(1, 10)], false));
+    // What the drive can't hold stays as the maker wrote it; the doubt says so.
     let odd = written(&both, "\"1001us\"", "");
     assert_eq!(odd.0, [(1, 10), (2, 0xFD)]);
 }

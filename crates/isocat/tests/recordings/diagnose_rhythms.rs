@@ -8,6 +8,7 @@ use isocat::diagnose::report::VerdictKind;
 use isocat::diagnose::{DiagnoseReport, Diagnosis, Names};
 use isocat::reading::Reading;
 use isocat::{Scenario, SegmentFile};
+use isocat_wire::Command;
 
 /// The capture of a run, and whether the run was in sync. `slower`: each drive's cycle in cycles of
 /// the bus, which are of 1 ms.
@@ -89,6 +90,7 @@ fn what_is_wrong_with_a_slower_drive_is_found() {
             ("late-wake-ups 2100us for 4ms", true),
             ("drop 4", true),
             ("stall 9ms", true),
+            ("stall 50ms", true),
         ] {
             let (capture, in_sync) = ran(slower, fault);
             assert_eq!(in_sync, !found, "{slower:?} {fault}");
@@ -97,6 +99,23 @@ fn what_is_wrong_with_a_slower_drive_is_found() {
             assert_eq!(report.verdict.kind, wanted, "{slower:?} {fault}\n{}", report.text());
         }
     }
+}
+
+/// A frame of the slower drive alone that was never sent: its outputs are old at one SYNC0, and all
+/// other frames are there.
+#[test]
+fn a_frame_that_a_slower_drive_did_not_get_is_found() {
+    let (capture, _) = ran(&[1, 4], "");
+    // Its frames begin with LRW, the others with the reference's time.
+    let frames = Reading::of(&capture[..]).expect("a capture").frames;
+    let own = frames.iter().filter(|frame| frame.bytes[16] == Command::Lrw as u8);
+    let own: Vec<usize> = own.map(|frame| frame.number).collect();
+    let left_out = &own[own.len() / 2 / 2 * 2..][..2];
+    let cut = cut(&capture, |number, _| !left_out.contains(&number));
+    let report = diagnosed(&cut);
+    assert_eq!(report.verdict.kind, VerdictKind::Found, "{}", report.text());
+    let [found] = &report.findings[..] else { panic!("{}", report.text()) };
+    assert_eq!((found.kind, found.device), ("cycles-skipped", Some(1)));
 }
 
 /// Stamps that are no better than the cycle tell nothing about frames without the reference's time:

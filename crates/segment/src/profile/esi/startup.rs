@@ -78,8 +78,8 @@ impl Import<'_> {
         }
         let written = all.iter().map(|one| &one.value);
         if Startup::interpolate(written) {
-            let words = "0x60C2 gets the device's cycle, and not what the InitCmd has: the drive interpolates its set \
-                         points over this time";
+            let words = "0x60C2 gets the device's cycle as far as it can hold it, and not what the InitCmd has: the drive \
+                         interpolates its set points over this time";
             self.doubts.push(Doubt::new(DoubtKind::CycleParameter, words.to_owned()));
         }
         self.tell_further();

@@ -20,7 +20,7 @@ use crate::mailbox::Way;
 use crate::observer::Observer;
 use crate::sync_unit::Switched;
 
-pub(crate) use data::{carriers, is_process_data};
+pub(crate) use data::{carriers, goes_both_ways, is_process_data};
 use ways::ways;
 
 /// The evidence about the SubDevices that the claims are about, by position.
@@ -102,7 +102,8 @@ pub(crate) fn operates_without_sync(observer: &Observer) -> bool {
     let operates = |device: &Device| {
         let switched = &device.sync.switched;
         let never = switched.left_off() == 0 && !switched.kept.iter().any(Switched::makes_sync0);
-        is_set_up(device) && was_in_op(observer, device) && never
+        let is_up = is_set_up(device) && was_in_op(observer, device);
+        is_up && never && !goes_both_ways(device)
     };
     all && cycles && devices.iter().all(operates)
 }

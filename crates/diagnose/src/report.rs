@@ -64,6 +64,12 @@ pub(crate) fn report(
     };
     report.unknown = unknown::unknown(&report, tap.is_some_and(shows_answers));
     report.unknown.extend(left_out(observer));
+    let both_ways = observer.devices.list.iter().any(crate::evidence::goes_both_ways);
+    if both_ways {
+        let what =
+            "which inputs devices gave: an FMMU reads and writes, so outputs may lie over them";
+        report.unknown.insert(0, what.to_owned());
+    }
     let in_order = || builder.order.iter().map(|place| &observer.devices.list[*place]);
     let doubts = Doubts {
         unseen: in_order().map(|device| device.states.op.is_none()).collect(),

@@ -50,6 +50,11 @@ fn fmmus(device: &Device, kind: u8) -> impl Iterator<Item = Fmmu> {
     known.map(|known| known.value).filter(move |fmmu| fmmu.is_active() && fmmu.kind & kind != 0)
 }
 
+/// Whether an FMMU both reads and writes: what it reads may overwrite the inputs of the device.
+pub(crate) fn goes_both_ways(device: &Device) -> bool {
+    fmmus(device, Fmmu::READ).any(|fmmu| fmmu.kind & Fmmu::WRITE != 0)
+}
+
 fn logical_bits(fmmu: &Fmmu) -> Range<u64> {
     let first = u64::from(fmmu.logical_start) * 8 + u64::from(fmmu.logical_start_bit & 7);
     first..first + u64::from(fmmu.bits())

@@ -157,6 +157,22 @@ fn devices_without_sync0_operate() {
     let report = diagnosed(&right);
     assert_eq!(report.verdict.kind, VerdictKind::InOperation, "{}", report.text());
     assert!(report.verdict.sentence.contains("all 3 SubDevices were in OP"), "{}", report.text());
+    // An FMMU of outputs that reads as well: nobody knows what comes back as inputs.
+    let both = rewritten(&right, |bytes| {
+        let mut at = 16;
+        // Each datagram: a header of ten bytes, its data, a working counter.
+        while at + 12 <= bytes.len() && bytes[at] > 0 {
+            let len = usize::from(u16::from_le_bytes([bytes[at + 6], bytes[at + 7]]) & 0x07FF);
+            let is_fmmu = bytes[at] == Command::Fpwr as u8 && bytes[at + 5] == 0x06;
+            if is_fmmu && bytes[at + 10 + 11] == 2 {
+                bytes[at + 10 + 11] = 3;
+            }
+            at += len + 12;
+        }
+    });
+    let report = diagnosed(&both);
+    assert_eq!(report.verdict.kind, VerdictKind::NothingFound, "{}", report.text());
+    assert!(report.verdict.sentence.contains("an FMMU reads and writes"), "{}", report.text());
     // From the middle on it is not known whether SYNC0 runs since before.
     let middle = cut(&right, |number, frames| number > frames - 400);
     let report = diagnosed(&middle);
@@ -165,6 +181,16 @@ fn devices_without_sync0_operate() {
     let pulled = ran(&format!("[[fault]]\nat = \"{when}\"\nwhat = \"{fault}\"\n"));
     let report = diagnosed(&pulled);
     assert_eq!(report.verdict.kind, VerdictKind::Found, "{}", report.text());
+}
+
+/// The capture with other frames.
+fn rewritten(capture: &[u8], change: impl Fn(&mut [u8])) -> Vec<u8> {
+    let mut other = Capture::new(Vec::new()).expect("a Vec takes everything");
+    for mut frame in Reading::of(capture).expect("a capture").frames {
+        change(&mut frame.bytes);
+        other.write(frame.at, frame.sent == Some(true), &frame.bytes);
+    }
+    other.finish().expect("a Vec takes everything")
 }
 
 /// The frames of a capture for which `keeps` is true, by number and the number of all.

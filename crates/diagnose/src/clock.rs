@@ -49,6 +49,9 @@ pub(crate) struct Drift {
     stamps_off: Option<u64>,
     /// A clock was set since the last time.
     was_set: bool,
+    /// Some time had bits beyond the lower 32. A clock of 32 bits has none there, also where eight
+    /// bytes are read.
+    is_wide: bool,
     /// Working counters of drift frames (clocks that took the time), each with the first frame that
     /// had it.
     clocks: Vec<Known<u16>>,
@@ -166,12 +169,16 @@ impl Drift {
         Some(known.value.wrapping_add(since.as_nanos() as u64))
     }
 
-    /// The time with all its bits. A 32-bit time takes the upper half that brings it nearest to the
+    /// The time with all its bits. A time of 32 bits takes the upper half that brings it nearest to the
     /// time read before.
-    fn extended(&self, first: u16, data: &[u8]) -> Option<u64> {
+    fn extended(&mut self, first: u16, data: &[u8]) -> Option<u64> {
         let address = register::SYSTEM_TIME.address;
         if let Some(bytes) = part::<8>(first, data, address) {
-            return Some(u64::from_le_bytes(bytes));
+            let time = u64::from_le_bytes(bytes);
+            self.is_wide |= time > u32::MAX.into();
+            if self.is_wide {
+                return Some(time);
+            }
         }
         let low = u32::from_le_bytes(part::<4>(first, data, address)?);
         let before = self.time.map_or(u64::from(low), |(known, _)| known.value);
@@ -290,6 +297,21 @@ mod tests {
         assert_eq!(drift.stamps_within(), None);
         frame(&mut drift, 123, 0, (126_500_000, 3));
         assert_eq!(drift.stamps_within(), Some(0));
+    }
+
+    /// Eight bytes of a clock of 32 bits have nothing in the upper half, and go on past its end.
+    #[test]
+    fn a_clock_of_32_bits_goes_on() {
+        let mut drift = Drift::default();
+        let end = 1_u64 << 32;
+        assert_eq!(frame(&mut drift, 1, 0, (end - 400_000, 3)), Some(end - 400_000));
+        assert_eq!(frame(&mut drift, 2, 0, (600_000, 3)), Some(end + 600_000));
+        assert_eq!(frame(&mut drift, 3, 0, (1_600_000, 3)), Some(end + 1_600_000));
+        assert_eq!(drift.stamps_within(), Some(0));
+        // One of 64 bits that was set back stays where it says.
+        let mut drift = Drift::default();
+        assert_eq!(frame(&mut drift, 1, 0, (5 * end, 3)), Some(5 * end));
+        assert_eq!(frame(&mut drift, 2, 0, (600_000, 3)), Some(600_000));
     }
 
     #[test]

@@ -193,7 +193,8 @@ impl Distance {
         let since = sample.end.wrapping_sub(before.end);
         let passed = self.pulse(sample.end) - self.pulse(before.end);
         let more = passed - i128::from(self.rate.cycles);
-        let Some(more) = i64::try_from(more).ok().filter(|more| more.abs() <= MOST_PULSES) else {
+        let goes_on = |more: &i64| passed >= 0 && more.abs() <= MOST_PULSES;
+        let Some(more) = i64::try_from(more).ok().filter(goes_on) else {
             // The clock was set.
             self.open = None;
             return self.take(sample, 0, &mut told);

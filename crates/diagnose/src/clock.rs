@@ -169,8 +169,8 @@ impl Drift {
         Some(known.value.wrapping_add(since.as_nanos() as u64))
     }
 
-    /// The time with all its bits. A time of 32 bits takes the upper half that brings it nearest to the
-    /// time read before.
+    /// The time with all its bits. A time of 32 bits takes the upper half that brings it nearest
+    /// to the time read before.
     fn extended(&mut self, first: u16, data: &[u8]) -> Option<u64> {
         let address = register::SYSTEM_TIME.address;
         if let Some(bytes) = part::<8>(first, data, address) {

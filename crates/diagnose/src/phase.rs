@@ -279,7 +279,7 @@ impl Phases {
     }
 }
 
-/// Intervals from so many usual ones on are pauses.
+/// An interval longer than so many usual ones is a pause, and no part of the mean.
 const PAUSE: u64 = 4;
 /// Frames whose interval passed so often without one have ended.
 const STOPPED: u64 = 8;

@@ -31,7 +31,8 @@ impl Scenario {
         }
     }
 
-    /// Whether nobody asks for outputs without a watchdog.
+    /// Whether a watchdog is to guard the outputs: neither the file nor the description turns it
+    /// off.
     fn is_guarded(&self, profile: &Profile) -> bool {
         let off = match self.watchdog {
             Some(time) => time == Nanos::ZERO,

@@ -483,7 +483,8 @@ impl<T: Tap> Outcome<T> {
         }));
         findings.splice(..0, silence);
         // The first findings are nearest to the cause; findings without a time come last. What came
-        // of a silence comes behind it by position, as no instant tells who is nearer to its cause.
+        // of a silence comes behind it, ordered by position: in it, who was hit first says nothing
+        // about the cause.
         findings.sort_by_cached_key(|dated| {
             let at = dated.at.unwrap_or(Time::NEVER);
             let silence = notes.silence.filter(|silence| silence.contains(at));

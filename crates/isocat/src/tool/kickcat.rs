@@ -16,7 +16,7 @@ pub(super) fn text(sheet: &Sheet) -> String {
     );
     page.note(0, format!("Bus cycle, s: {}", sheet.why_cycle));
     page.line(format!("CYCLE = {:?}", sheet.cycle_ns as f64 / 1e9));
-    // One for all: the longest one trips nobody's.
+    // KickCAT writes one time to all devices; the longest one is too short for none of them.
     let written = sheet.devices.iter().filter_map(|device| device.watchdog);
     let written = written.filter(|watchdog| watchdog.is_of_process_data());
     let watchdog = written.max_by_key(|watchdog| watchdog.time_ns());

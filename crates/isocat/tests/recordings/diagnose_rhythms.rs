@@ -157,7 +157,7 @@ fn devices_without_sync0_operate() {
     let report = diagnosed(&right);
     assert_eq!(report.verdict.kind, VerdictKind::InOperation, "{}", report.text());
     assert!(report.verdict.sentence.contains("all 3 SubDevices were in OP"), "{}", report.text());
-    // An FMMU of outputs that reads as well: nobody knows what comes back as inputs.
+    // An FMMU of outputs that also reads: it is not known what comes back as inputs.
     let both = rewritten(&right, |bytes| {
         let mut at = 16;
         // Each datagram: a header of ten bytes, its data, a working counter.

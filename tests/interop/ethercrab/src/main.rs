@@ -307,7 +307,9 @@ impl Session<'_> {
                 bad += u32::from(number > away);
                 since += u32::from(number > away);
             }
-            if !exchanged.all_op && number % 10 == 0 {
+            // At the last one too: who fell since the last question would be counted as wrong.
+            let question = number % 10 == 0 || number + 1 == cycles;
+            if !exchanged.all_op && question {
                 let began = recover(main_device, &group, &mut asked).await?;
                 if began > 0 {
                     fell += began;

@@ -33,12 +33,13 @@ WRONG = {
     "sync-shift-in-op",
     "clocks": "no-config-dc no-converge offset-zero delay-5us offset-in-op reference-in-op",
     "states": "op-never op-not-target",
+    "drive": "interpolation-10ms interpolation-left interpolation-one",
     "SyncManager, FMMU, watchdog": "watchdog-off watchdog-1ms watchdog-off-in-op sm-size fmmu-overlap fmmu-short fmmu-outputs-off "
     "fmmu-inputs-off",
     "the loop": "no-phase-control phase-on-sync0 phase-gain-3 period-double period-half every-second-cycle frame-twice clock-step-host "
     "second-program",
 }
-RIGHT = "good config-dc-first config-dc-twice sync-twice type-and-cycle states-one-by-one filters-other half-gain read-state-each"
+RIGHT = "good interpolation config-dc-first config-dc-twice sync-twice type-and-cycle states-one-by-one filters-other half-gain read-state-each"
 # These don't concern every segment.
 ELSEWHERE = {
     "ssc": {

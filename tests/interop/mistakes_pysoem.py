@@ -93,6 +93,10 @@ class Program:
         except pysoem.SdoError:
             pass
 
+    def interpolate(self, drive, units, power):
+        drive.sdo_write(0x60C2, 1, struct.pack("<B", units))
+        drive.sdo_write(0x60C2, 2, struct.pack("<b", power))
+
     def write_types(self):
         types = {"type-sm": 1, "type-free": 0, "type-and-cycle": 2}
         for drive in self.drives:
@@ -100,6 +104,13 @@ class Program:
                 self.try_write(drive, 0x1C32, 1, struct.pack("<H", types[NAME]))
             if has("type-and-cycle"):
                 self.try_write(drive, 0x1C32, 2, struct.pack("<I", CYCLE))
+        # Units and power of 0x60C2; 1 ms is what a drive has after power-on.
+        interpolation = {"interpolation": (4, -3), "interpolation-10ms": (10, -3), "interpolation-left": (1, -3)}
+        if NAME in interpolation:
+            for drive in self.drives:
+                self.interpolate(drive, *interpolation[NAME])
+        if has("interpolation-one"):
+            self.interpolate(self.target, 40, -3)
         one = {"type-free-one": 0, "type-sync1": 3}
         if NAME in one:
             self.try_write(self.target, 0x1C32, 1, struct.pack("<H", one[NAME]))

@@ -6,16 +6,18 @@ mod ways;
 
 use std::time::Duration;
 
-use isocat_rules::{Claims, DeviceClaims, DeviceEvidence, Evidence};
-use isocat_sync::SyncMode;
-use isocat_sync::object::SyncType;
+use isocat_rules::{Breach, Claims, DeviceClaims, DeviceEvidence, Evidence};
+use isocat_sync::object::{INTERPOLATION_TIME, SyncType};
+use isocat_sync::{SyncMode, interpolation as period};
 use isocat_wire::register::{self, Register, Value};
 use isocat_wire::time::{Nanos, Picos};
-use isocat_wire::{AlState, AlStatusCode};
+use isocat_wire::{AlState, AlStatusCode, ObjectAddress};
 
+use crate::cycle::Rhythm;
 use crate::device::Device;
 use crate::judge::sync::{self, LEAST_CYCLES};
 use crate::judge::{self, PATIENCE, turns};
+use crate::known::Known;
 use crate::mailbox::Way;
 use crate::observer::Observer;
 use crate::sync_unit::Switched;
@@ -25,8 +27,7 @@ use ways::ways;
 
 /// The evidence about the SubDevices that the claims are about, by position.
 pub(crate) fn of(observer: &Observer, claims: &Claims) -> Evidence {
-    let cycles = [&observer.cycle.by_clock, &observer.cycle.rhythm];
-    let rhythm = cycles.into_iter().find(|rhythm| rhythm.count >= LEAST_CYCLES);
+    let rhythm = rhythm(observer);
     let is_operated = observer.operation.is_some() && rhythm.is_some();
     let cycle = rhythm.and_then(|rhythm| rhythm.median()).map(nanos);
     let of_device = |(at, claims): (usize, &DeviceClaims)| {
@@ -44,6 +45,12 @@ pub(crate) fn of(observer: &Observer, claims: &Claims) -> Evidence {
         talkers: Some(turns(observer).map(|talker| talker.frames).collect()),
         devices: devices.map(|one| of_device(one).unwrap_or_default()).collect(),
     }
+}
+
+/// The rhythm of the cyclic frames, by the clock of the segment if it shows enough of them.
+fn rhythm(observer: &Observer) -> Option<&Rhythm> {
+    let cycles = [&observer.cycle.by_clock, &observer.cycle.rhythm];
+    cycles.into_iter().find(|rhythm| rhythm.count >= LEAST_CYCLES)
 }
 
 fn device(
@@ -76,6 +83,7 @@ fn device(
         lengths,
         exchanged: [0, 1].map(|towards| data::exchanged(observer, device, towards)),
         carried_each: [0, 1].map(|towards| data::carried_each(observer, device, towards, cycle?)),
+        interpolation: interpolation(device).map(|known| known.value),
         logical: set_up.then(|| data::mapped(device)),
         guarded: data::guarded(device, set_up),
         watchdog: data::watchdog(device, set_up),
@@ -132,6 +140,28 @@ fn state(
     let code = device.states.changes.kept.last().and_then(|last| last.code);
     let state = status.state().ok().filter(|_| long && seen > began.frame)?;
     Some((state, code.unwrap_or_default()))
+}
+
+/// The interpolation time of a drive: both parts are known, and one at least was written.
+pub(crate) fn interpolation(device: &Device) -> Option<Known<Nanos>> {
+    let part = |sub| {
+        let known = device.mailbox.values.get(&ObjectAddress::new(INTERPOLATION_TIME, sub))?;
+        let byte = u8::try_from(known.value.number()?).ok()?;
+        Some((byte, known.value.way == Way::Written, known.frame))
+    };
+    let ((units, first, at), (power, second, then)) = (part(1)?, part(2)?);
+    let value = period::time(units, power.cast_signed()).filter(|_| first || second)?;
+    Some(Known { value, frame: at.max(then) })
+}
+
+/// An interpolation time that is not the time between the outputs of a device, with the frame that
+/// shows it.
+pub(crate) fn other_interpolation(observer: &Observer, device: &Device) -> Option<Known<Breach>> {
+    let known = interpolation(device).filter(|_| was_in_op(observer, device))?;
+    let cycle = rhythm(observer)?.median().map(nanos)?;
+    let wanted = data::carried_each(observer, device, 0, cycle)?;
+    let breach = known.map(|found| Breach::OtherInterpolation { wanted, found });
+    (!period::agrees(known.value, wanted)).then_some(breach)
 }
 
 /// The frame in which a device was asked for SAFEOP on its last way up, or was first seen there if
@@ -303,9 +333,8 @@ const SETTLED: u64 = 1_000;
 pub(crate) fn shown(
     observer: &Observer,
     device: Option<usize>,
-    breach: &isocat_rules::Breach,
+    breach: &Breach,
 ) -> (usize, Option<Duration>) {
-    use isocat_rules::Breach;
     let operation = observer.operation.map_or((1, None), |began| (began.frame, Some(began.value)));
     let device = device.map(|place| &observer.devices.list[place]);
     let last = device.and_then(|device| device.sync.last);
@@ -316,6 +345,9 @@ pub(crate) fn shown(
         }
         Breach::Sync0Apart { .. } | Breach::StartPassed { .. } => {
             last.map(|last| (last.start.map_or(last.frame, |start| start.frame), None))
+        }
+        Breach::OtherInterpolation { .. } => {
+            known(device.and_then(interpolation).map(|known| known.frame))
         }
         Breach::OtherShift { .. } => last.map(|last| (last.frame, Some(last.at))),
         Breach::OtherMode { .. } => match last {

@@ -179,6 +179,13 @@ pub const RULES: &[Rule] = &[
         check: rules::data::each_cycle,
     },
     Rule {
+        name: "interpolation",
+        claims: "a drive interpolates its set points over the time from one to the next",
+        needs: "0x60C2, as it was written",
+        finds: "other-interpolation",
+        check: rules::data::interpolation,
+    },
+    Rule {
         name: "own-address",
         claims: "no two SubDevices take the same logical bits",
         needs: "their FMMUs",

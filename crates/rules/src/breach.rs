@@ -82,6 +82,14 @@ kinds! {
             /// The mean time from one to the next.
             found: Nanos,
         },
+        /// The interpolation time of the drive is not the time from one set point to the next: it
+        /// steps or waits at each.
+        OtherInterpolation = "other-interpolation" {
+            /// The time from one set point to the next.
+            wanted: Nanos,
+            /// Object 0x60C2.
+            found: Nanos,
+        },
         /// Two SubDevices take the same logical bits: the outputs of one are those of the other, or
         /// one overwrites the inputs of the other.
         SharedAddress = "shared-address" {

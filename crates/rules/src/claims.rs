@@ -33,6 +33,9 @@ pub struct DeviceClaims {
     pub has_data: bool,
     /// The time from one exchange of its process data to the next.
     pub cycle: Option<Nanos>,
+    /// The interpolation time of a drive (0x60C2), if one is written: the time from one set point
+    /// to the next.
+    pub interpolation: Option<Nanos>,
     /// Whether its outputs, if it has some, are guarded by the process data watchdog.
     pub guarded: bool,
     /// The time of that watchdog.

@@ -60,6 +60,8 @@ pub struct DeviceEvidence {
     /// Mean time from one datagram that brings its outputs to the next, and from one that fetches
     /// its inputs to the next.
     pub carried_each: [Option<Nanos>; 2],
+    /// The interpolation time of a drive (0x60C2), as a MainDevice wrote it.
+    pub interpolation: Option<Nanos>,
     /// Logical bits that it takes outputs from, and gives inputs to.
     pub logical: Option<[Vec<Range<u64>>; 2]>,
     /// Whether the process data watchdog guards its outputs.

@@ -54,6 +54,9 @@ impl Breach {
                 "send its process data in each of its cycles",
                 "let the file say how often they are to be exchanged (cycle of the SubDevice)",
             ],
+            Self::OtherInterpolation { .. } => &[
+                "write the cycle to 0x60C2 in PREOP: units in :01, power of ten of a second in :02",
+            ],
             Self::SharedAddress { .. } => &["give each FMMU logical bytes of its own"],
             Self::WatchdogOff => &[
                 "leave 0x0400 and 0x0420 as they are after power-on, or write a time of some cycles",
@@ -119,6 +122,12 @@ fn said(breach: &Breach) -> String {
         Breach::CarriedSeldom { outputs, wanted, found } => {
             let what = if *outputs { "outputs come to it" } else { "its inputs are fetched" };
             format!("{what} each {} only, and are to each {wanted}", time((*found).into()))
+        }
+        Breach::OtherInterpolation { wanted, found } => {
+            let what = if found > wanted { "is late at each" } else { "waits at each" };
+            format!(
+                "interpolates its set points over {found} (0x60C2), and one comes each {wanted}: it {what}"
+            )
         }
         Breach::SharedAddress { with, outputs, logical } => {
             let what = if *outputs { "outputs" } else { "inputs" };

@@ -5,7 +5,7 @@
 
 use isocat_descriptions::sii::SiiFile;
 use isocat_rules::{Claims, DeviceClaims};
-use isocat_sync::SyncMode;
+use isocat_sync::{SyncMode, object};
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
 
@@ -65,6 +65,11 @@ impl Scenario {
             in_phase: acts_on_sync0,
             has_data: has_data(&device.profile),
             cycle: Some(own),
+            interpolation: device
+                .profile
+                .description
+                .object(object::INTERPOLATION_TIME)
+                .map(|_| own),
             guarded: self.is_guarded(&device.profile),
             watchdog: self
                 .watchdog

@@ -89,7 +89,7 @@ use isocat_esc::chip::{Chip, PortKind};
 use isocat_maindevice::WatchdogRegisters;
 use isocat_sim::{Sampling, Unevenness};
 use isocat_subdevice::{Description, Misbehaviours};
-use isocat_sync::{SupportedTypes, SyncMode, SyncParameters, object};
+use isocat_sync::{SupportedTypes, SyncMode, SyncParameters, interpolation, object};
 use isocat_wire::soe::Idn;
 use isocat_wire::time::Nanos;
 use isocat_wire::{ObjectAddress, PortNumber};
@@ -318,7 +318,7 @@ impl Startup {
     /// Which part of the interpolation time it writes, 0x60C2:01 or :02, in a byte; `None`: another
     /// object.
     fn interpolation(&self) -> Option<u8> {
-        let is_part = self.object.index == INTERPOLATION_TIME && !self.complete_access;
+        let is_part = self.object.index == object::INTERPOLATION_TIME && !self.complete_access;
         (is_part && self.data.len() == 1)
             .then_some(self.object.sub)
             .filter(|sub| [1, 2].contains(sub))
@@ -328,7 +328,7 @@ impl Startup {
     /// except for an interpolation time of which both parts are written.
     pub fn at_cycle(&self, all: &[Self], cycle: Nanos) -> Vec<u8> {
         let interpolation = self.interpolation().filter(|_| Self::interpolate(all.iter()));
-        match (interpolation, interpolation_time(cycle)) {
+        match (interpolation, interpolation::parts(cycle)) {
             (Some(1), Some((units, _))) => vec![units],
             (Some(_), Some((_, index))) => vec![index.cast_unsigned()],
             _ => self.data.clone(),
@@ -343,20 +343,6 @@ impl Startup {
         parts == [1, 2]
     }
 }
-
-/// 0x60C2:01 and :02 for a cycle: units, and the power of ten of a second that is one. `None`: no
-/// number of up to 255 of any power is the cycle.
-pub fn interpolation_time(cycle: Nanos) -> Option<(u8, i8)> {
-    // Drives know ms and us best.
-    [-3, -6, -4, -5, -2, -1, 0, -7, -8, -9].into_iter().find_map(|index: i8| {
-        let unit = 10_i64.pow(u32::try_from(9 + index).ok()?);
-        let units = u8::try_from(cycle.0 / unit).ok()?;
-        (cycle.0 % unit == 0 && units > 0).then_some((units, index))
-    })
-}
-
-/// Interpolation time period of CiA 402.
-const INTERPOLATION_TIME: u16 = 0x60C2;
 
 /// A parameter of a drive that SoE writes in PREOP.
 #[derive(Clone, PartialEq, Eq, Debug)]

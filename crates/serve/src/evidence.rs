@@ -116,6 +116,7 @@ fn device(served: &Served, conduct: &Conduct, at: usize, judged: &JudgedDevice) 
         lengths: Some([output_bytes, input_bytes]),
         exchanged: [output_age, input_age].map(|age| Some(age.count() > 0)),
         carried_each,
+        interpolation: device.stack.interpolation_time(),
         logical: Some(logical),
         guarded: Some(outputs.iter().all(|sm| {
             sm.control & SyncManager::CONTROL_WATCHDOG != 0

@@ -132,6 +132,12 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
         &self.store.as_ref()[self.images..][..self.outputs]
     }
 
+    /// The first byte of an entry; `None` if the device does not have it.
+    pub fn byte(&self, address: ObjectAddress) -> Option<u8> {
+        let start = usize::from(self.description.entry(address)?.store);
+        self.store.as_ref()[..self.images].get(start).copied()
+    }
+
     /// The fixed properties of the device.
     pub fn description(&self) -> &Description {
         &self.description

@@ -2,7 +2,7 @@
 //! of the objects that the stack itself uses.
 
 use isocat_sync::object::{ERROR_SETTINGS, INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
-use isocat_sync::object::{INPUT_ASSIGNMENT, OUTPUT_ASSIGNMENT};
+use isocat_sync::object::{INPUT_ASSIGNMENT, INTERPOLATION_TIME, OUTPUT_ASSIGNMENT};
 use isocat_sync::{SyncMode, SyncType};
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
@@ -422,6 +422,10 @@ impl<A: Application> Objects<'_, A> {
                 _ => {}
             },
             ERROR_SETTINGS => {}
+            INTERPOLATION_TIME => {
+                self.chosen.interpolation = true;
+                return;
+            }
             _ => return,
         }
         self.sync.load_settings(&self.dictionary);

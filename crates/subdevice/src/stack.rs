@@ -1,10 +1,11 @@
 //! The SubDevice: everything that runs on the local CPU behind the ESC's PDI.
 
 use isocat_esc::{Pdi, PdiExt};
-use isocat_sync::{Event, Step};
+use isocat_sync::object::INTERPOLATION_TIME;
+use isocat_sync::{Event, Step, interpolation};
 use isocat_wire::register::{self, al_event};
 use isocat_wire::time::{Device, Time};
-use isocat_wire::{AlState, AlStatusCode, Nanos};
+use isocat_wire::{AlState, AlStatusCode, Nanos, ObjectAddress};
 
 use crate::application::Application;
 use crate::description::Description;
@@ -449,6 +450,14 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// The station address that the device read at INIT to PREOP, for its own use.
     pub fn station_address(&self) -> u16 {
         self.station
+    }
+
+    /// The interpolation time (0x60C2) of a drive, if the MainDevice wrote it since PREOP was
+    /// entered.
+    pub fn interpolation_time(&self) -> Option<Nanos> {
+        let part = |sub| self.dictionary.byte(ObjectAddress::new(INTERPOLATION_TIME, sub));
+        let units = part(1).filter(|_| self.chosen.interpolation)?;
+        interpolation::time(units, part(2)?.cast_signed())
     }
 
     /// AL event of waiting outputs.

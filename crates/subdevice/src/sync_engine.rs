@@ -92,6 +92,8 @@ pub(crate) struct Chosen {
     pub input_type: bool,
     /// 0x1C32:02 or 0x1C33:02.
     pub cycle: bool,
+    /// 0x60C2.
+    pub interpolation: bool,
 }
 
 impl Chosen {

@@ -10,6 +10,9 @@
 //! into the registers of the SYNC unit and names every doubt. [`start`] finds the instant at which
 //! all units begin in phase.
 //!
+//! [`interpolation`] is the one number of a drive beside the sync objects that must agree with the
+//! cycle.
+//!
 //! [`explain`] says in plain words what codes, objects and registers mean and what to do about
 //! them.
 //!
@@ -29,6 +32,7 @@ pub mod budget;
 pub mod delay;
 pub mod drift;
 pub mod explain;
+pub mod interpolation;
 pub mod mode;
 pub mod moment;
 pub mod object;

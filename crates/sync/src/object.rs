@@ -16,6 +16,8 @@ pub const OUTPUT_PARAMETER: u16 = 0x1C32;
 pub const INPUT_PARAMETER: u16 = 0x1C33;
 /// Object 0x10F1: error settings; sub-index 2 is the sync error counter limit.
 pub const ERROR_SETTINGS: u16 = 0x10F1;
+/// Object 0x60C2: interpolation time period of a drive (CiA 402); see [`crate::interpolation`].
+pub const INTERPOLATION_TIME: u16 = 0x60C2;
 
 /// Sub-indices of 0x1C32 and 0x1C33.
 pub mod sub {

@@ -2,6 +2,7 @@
 
 use core::ops::Range;
 
+use isocat_sync::interpolation;
 use isocat_wire::time::Nanos;
 
 use super::operating;
@@ -66,6 +67,18 @@ pub(crate) fn each_cycle(claims: &Claims, evidence: &Evidence, findings: &mut Fi
                     findings.broken(Some(at), Breach::CarriedSeldom { outputs, wanted, found });
                 }
             }
+        }
+    }
+}
+
+pub(crate) fn interpolation(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
+    for (at, claim, seen) in operating(claims, evidence) {
+        let Some(wanted) = claim.interpolation else { continue };
+        match seen.interpolation {
+            // Nobody wrote it, and a drive that moves by itself needs none.
+            None => {}
+            Some(found) if interpolation::agrees(found, wanted) => findings.kept(),
+            Some(found) => findings.broken(Some(at), Breach::OtherInterpolation { wanted, found }),
         }
     }
 }

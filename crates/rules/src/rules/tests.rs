@@ -25,6 +25,7 @@ fn claims() -> Claims {
         in_phase: true,
         has_data: true,
         cycle: Some(CYCLE),
+        interpolation: Some(CYCLE),
         guarded: true,
         watchdog: Some(Nanos::millis(100)),
     };
@@ -52,6 +53,7 @@ fn evidence() -> Evidence {
         lengths: Some([6, 6]),
         exchanged: [Some(true); 2],
         carried_each: [Some(CYCLE); 2],
+        interpolation: Some(CYCLE),
         logical: Some([one(at..at + 48), one(at..at + 48)]),
         guarded: Some(true),
         watchdog: Some(Nanos::millis(100)),
@@ -99,8 +101,9 @@ fn a_segment_as_it_was_meant_keeps_every_claim() {
     assert_eq!((ruling.breached, ruling.unchecked), (vec![], vec![]));
     // Three states, two modes, two starts, two cycles, two shifts, one pair in phase, cycle, phase
     // and sender of the frames, time, three times data, five directions, those of two drives in
-    // each cycle, five ranges, two watchdogs and their times, three clocks that are kept.
-    assert_eq!(ruling.checked, 3 + 2 + 2 + 2 + 2 + 1 + 3 + 1 + 3 + 5 + 4 + 5 + 2 + 2 + 3);
+    // each cycle and over which time they interpolate, five ranges, two watchdogs and their times,
+    // three clocks that are kept.
+    assert_eq!(ruling.checked, 3 + 2 + 2 + 2 + 2 + 1 + 3 + 1 + 3 + 5 + 4 + 2 + 5 + 2 + 2 + 3);
 }
 
 #[test]
@@ -112,9 +115,9 @@ fn without_evidence_nothing_is_checked_and_each_claim_says_so() {
     let rules: std::collections::BTreeSet<_> =
         ruling.unchecked.iter().map(|one| one.rule).collect();
     // Without a SYNC0 that is known to run, its start, the clocks, and the phase and time of the
-    // frames are no claims.
+    // frames are no claims, nor is an interpolation time that nobody wrote.
     let all = crate::book::RULES.iter().map(|rule| rule.name);
-    let expected = all.filter(|name| !matches!(*name, "starts" | "clock-kept" | "steady" | "time"));
+    let expected = all.filter(|name| !matches!(*name, "starts" | "clock-kept" | "steady" | "time" | "interpolation"));
     assert_eq!(rules, expected.collect());
 }
 
@@ -355,6 +358,19 @@ fn process_data_are_carried_in_each_cycle() {
     let other = of(None, Breach::OtherCycle { wanted: CYCLE, found: Nanos(twice) });
     assert_eq!(each(twice, twice), other);
     assert_eq!(each(2 * twice, twice), [other, of(1, breach(2 * twice))].concat());
+}
+
+#[test]
+fn a_drive_interpolates_over_its_cycle() {
+    let over = |found: i64| breaches(|all| all.devices[1].interpolation = Some(Nanos(found)));
+    let breach = |found| Breach::OtherInterpolation { wanted: CYCLE, found: Nanos(found) };
+    let most = CYCLE.0 / 16;
+    for (found, right) in [(0, true), (most, true), (most + 1, false), (CYCLE.0 / 2, false)] {
+        for found in [CYCLE.0 + found, CYCLE.0 - found] {
+            let expected = if right { vec![] } else { of(1, breach(found)) };
+            assert_eq!(over(found), expected);
+        }
+    }
 }
 
 #[test]

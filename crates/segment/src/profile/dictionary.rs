@@ -2,6 +2,7 @@
 //! all.
 
 use isocat_descriptions::document::FileError;
+use isocat_descriptions::start_up::Transition;
 use isocat_subdevice::description::{Behaviour, Measured, Preset, ProcessDataArea};
 use isocat_subdevice::{Description, Entry, Object};
 use isocat_sync::SupportedTypes;
@@ -13,8 +14,9 @@ use isocat_wire::sii::sm_type;
 use isocat_wire::time::Nanos;
 
 use super::draft::{self, Area, Draft, Item, Pdo, Property};
+use super::draft::Placed;
 use super::{
-    ApplicationKind, Assignment, Assumption, CpuTimes, Origin, Profile, rows, sii, unknown,
+    ApplicationKind, Assignment, Assumption, CpuTimes, Origin, Profile, Startup, rows, sii, unknown,
 };
 
 /// Adds the objects that every device has or that follow from other parts of the file. An object in
@@ -82,7 +84,9 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
         }
     }
     add_missing(&mut draft.objects, generated);
+    interpolate(draft);
     if draft.application == ApplicationKind::Drive {
+        add_missing(&mut draft.objects, [interpolation_time()]);
         add_missing(
             &mut draft.objects,
             DRIVE.map(|(index, name, data_type, access, value)| {
@@ -101,6 +105,45 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
     if draft.eeprom.is_none() {
         unknown::complete(draft);
     }
+}
+
+/// Has the interpolation time written at start if the file has the object: it becomes the cycle.
+/// Nothing is written to a drive whose file is silent, since a real one may be without.
+fn interpolate(draft: &mut Draft<'_>) {
+    let index = object::INTERPOLATION_TIME;
+    let written = |one: &Placed<Startup>| one.value.object.index == index;
+    let parts = [(1, DataType::UNSIGNED8), (2, DataType::INTEGER8)];
+    if draft.application != ApplicationKind::Drive || draft.startup.iter().any(written) {
+        return;
+    }
+    let object = draft.objects.iter().find(|object| object.index == index);
+    let part = |(sub, data_type)| {
+        let mut entries = object?.entries.iter();
+        let entry = entries.find(|entry| entry.sub == sub && entry.data_type == data_type)?;
+        let value = Startup {
+            transition: Transition::PS,
+            object: ObjectAddress::new(index, sub),
+            data: entry.default.clone(),
+            complete_access: false,
+        };
+        let is_writable = entry.access.has(Access::WRITE_PREOP) && value.data.len() == 1;
+        is_writable.then_some(Placed { at: entry.at, value })
+    };
+    let downloads: Option<Vec<_>> = parts.into_iter().map(part).collect();
+    draft.startup.extend(downloads.unwrap_or_default());
+}
+
+/// The interpolation time of a drive, 1 ms after power-on.
+fn interpolation_time() -> draft::Object {
+    let index = object::INTERPOLATION_TIME;
+    let access = Access::READ.with(Access::WRITE);
+    let units = row(1, "Interpolation time units", DataType::UNSIGNED8, access);
+    let power = row(2, "Interpolation time index", DataType::INTEGER8, access);
+    // CiA 402 gives this record a type of its own.
+    Group::new(0, index, "Interpolation time period", ObjectCode::RECORD, DataType(0x0080))
+        .entry(units, vec![1])
+        .entry(power, vec![(-3_i8).cast_unsigned()])
+        .finish(Access::READ, 2)
 }
 
 /// Sets the power-on value of a 32-bit entry to another time; `None` if there is no such entry, or

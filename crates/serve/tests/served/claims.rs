@@ -2,8 +2,10 @@
 //! mistake of our own MainDevice is told by its kind and place, and a right one is in sync.
 
 use crate::line::Line;
+use isocat_maindevice::{Config, StartupDownload};
 use isocat_segment::{Scenario, SegmentFile};
-use isocat_sync::SyncMode;
+use isocat_sync::{SyncMode, object};
+use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
 
 /// Two drives with SYNC0 and an I/O, and what else the file says.
@@ -18,9 +20,14 @@ fn scenario(keys: &str) -> Scenario {
 /// A MainDevice that works by `works_by` operates the segment of `meant` for 300 cycles; the kinds
 /// of what was found, each with its SubDevice.
 fn found(meant: &Scenario, works_by: &Scenario) -> Vec<(Option<usize>, &'static str)> {
-    let mut line = Line::with(meant, works_by.config());
+    found_of(meant, works_by.config())
+}
+
+fn found_of(meant: &Scenario, works_by: Config) -> Vec<(Option<usize>, &'static str)> {
+    let duration = Nanos(300 * works_by.cycle.0);
+    let mut line = Line::with(meant, works_by);
     line.bring_up();
-    line.run(Nanos(300 * works_by.cycle.0), |_| false);
+    line.run(duration, |_| false);
     let judged = line.server.judged().expect("judged");
     let found = judged.all_findings();
     found.map(|finding| (finding.place.device, finding.kind.name())).collect()
@@ -81,6 +88,27 @@ fn process_data_in_every_other_cycle_are_told() {
     let [outputs, inputs] = [(Some(2), "carried-seldom"); 2];
     assert_eq!(found(&scenario(""), &works_by), [outputs, inputs]);
     assert_eq!(found(&works_by, &works_by), []);
+}
+
+/// Only what was written is held against the file: a MainDevice that writes nothing moves drives
+/// otherwise.
+#[test]
+fn an_interpolation_time_other_than_the_cycle_is_told() {
+    let by = |units: u8| {
+        let mut config = scenario("").config();
+        let write = |sub, data| StartupDownload {
+            object: ObjectAddress::new(object::INTERPOLATION_TIME, sub),
+            data: vec![data],
+            complete: false,
+        };
+        let power = (-4_i8).cast_unsigned();
+        config.devices[1].startup = vec![write(1, units), write(2, power)];
+        found_of(&scenario(""), config)
+    };
+    assert_eq!(by(10), []);
+    for units in [5, 20] {
+        assert_eq!(by(units), [(Some(1), "other-interpolation")]);
+    }
 }
 
 #[test]

@@ -100,6 +100,11 @@ fn is_set_up(device: &Device) -> bool {
     device.image.written(register::STATION_ADDRESS).is_some() && device.states.op.is_some()
 }
 
+/// Whether the capture has the way up of the device, and it was in OP since.
+pub(crate) fn operated_as_set_up(observer: &Observer, device: &Device) -> bool {
+    is_set_up(device) && was_in_op(observer, device)
+}
+
 /// Whether the capture shows the way up of all devices that frames pass, that none of them was
 /// given SYNC0, and that all operated.
 pub(crate) fn operates_without_sync(observer: &Observer) -> bool {
@@ -110,7 +115,7 @@ pub(crate) fn operates_without_sync(observer: &Observer) -> bool {
     let operates = |device: &Device| {
         let switched = &device.sync.switched;
         let never = switched.left_off() == 0 && !switched.kept.iter().any(Switched::makes_sync0);
-        let is_up = is_set_up(device) && was_in_op(observer, device);
+        let is_up = operated_as_set_up(observer, device);
         is_up && never && !goes_both_ways(device)
     };
     all && cycles && devices.iter().all(operates)
@@ -159,7 +164,9 @@ pub(crate) fn interpolation(device: &Device) -> Option<Known<Nanos>> {
 pub(crate) fn other_interpolation(observer: &Observer, device: &Device) -> Option<Known<Breach>> {
     let known = interpolation(device).filter(|_| was_in_op(observer, device))?;
     let cycle = rhythm(observer)?.median().map(nanos)?;
-    let wanted = data::carried_each(observer, device, 0, cycle)?;
+    // Whole cycles: one more or less is counted at the ends.
+    let each = data::carried_each(observer, device, 0, cycle)?;
+    let wanted = Nanos(cycle.0 * ((each.0 + cycle.0 / 2) / cycle.0).max(1));
     let breach = known.map(|found| Breach::OtherInterpolation { wanted, found });
     (!period::agrees(known.value, wanted)).then_some(breach)
 }

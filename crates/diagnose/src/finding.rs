@@ -150,6 +150,8 @@ kinds! {
     ClocksNotConverged { ns: u32 } "clocks-not-converged" Warning;
     /// SYNC0 is switched on, but the synchronization type does not use it.
     SyncWithoutMode { object: ObjectAddress, mode: SyncType } "sync-without-mode" Warning;
+    /// SYNC0 is off at the device, and runs at another one of its kind.
+    Sync0LeftOut { like: usize } "sync0-left-out" Warning;
     /// SYNC0 was switched on after the device had left PREOP.
     SyncAfterSafeOp { state: AlState } "sync-after-safeop" Warning;
     /// SYNC0 was switched on, but the way up did not write the device's system time offset.

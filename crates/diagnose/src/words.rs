@@ -150,6 +150,10 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
         Kind::SyncWithoutMode { object, mode } => {
             format!("{subject}: SYNC0 is switched on (0x0981), and {object} was written {mode}")
         }
+        Kind::Sync0LeftOut { like } => format!(
+            "{subject}: SYNC0 is off (0x0981), and runs at {}, which is the same device: outputs act at another time here",
+            of(*like)
+        ),
         Kind::WatchdogBelowCycle { watchdog_ns, cycle_ns } => format!(
             "{subject}: the process data watchdog of {} is not longer than the cycle of {}",
             ns(*watchdog_ns),
@@ -312,6 +316,9 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         Kind::SyncWithoutMode { .. } => {
             &["write 0x1C32:01 and 0x1C33:01 as the mode needs, or leave SYNC off"]
         }
+        Kind::Sync0LeftOut { .. } => &[
+            "write 0x09A0, 0x0990, then 0x0980 and 0x0981 in PREOP, as at the other one, if both are to act at one instant",
+        ],
         Kind::WatchdogBelowCycle { .. } => {
             &["make the watchdog (0x0400, 0x0420) longer than some cycles"]
         }

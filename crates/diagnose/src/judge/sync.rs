@@ -8,6 +8,7 @@ use isocat_wire::{ObjectAddress, register};
 
 use super::{MOST_FRAMES, delay, mode, reference};
 use crate::device::Device;
+use crate::evidence;
 use crate::finding::{Finding, Kind};
 use crate::observer::Observer;
 use crate::phase::{Distance, Measured};
@@ -17,6 +18,7 @@ pub(super) fn judge(observer: &Observer, all: &mut Vec<Finding>) {
     for (place, device) in observer.devices.list.iter().enumerate() {
         started(place, device, all);
         modes(place, device, all);
+        left_out(place, device, observer, all);
         differences(place, device, all);
         clock_set(place, device, observer, all);
         minimum(place, device, all);
@@ -123,6 +125,27 @@ fn modes(place: usize, device: &Device, all: &mut Vec<Finding>) {
     if let Some(last) = last.filter(|_| sync0 && unused && written) {
         let kind = Kind::SyncWithoutMode { object, mode };
         all.push(Finding::new(kind, Some(place), frame).with([last.frame]));
+    }
+}
+
+/// A device without SYNC0 beside one of its kind that has it. Whether that is meant, no frame says.
+fn left_out(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    if device.sync.is_on() || !evidence::operated_as_set_up(observer, device) {
+        return;
+    }
+    let identity = |device: &Device| {
+        let sii = &device.sii;
+        Some((sii.vendor()?.value, sii.product()?.value))
+    };
+    let Some(own) = identity(device) else { return };
+    let runs = |other: &Device| {
+        let on = other.sync.last.is_some_and(|last| last.makes_sync0());
+        on && evidence::operated_as_set_up(observer, other) && identity(other) == Some(own)
+    };
+    let like = observer.devices.list.iter().position(runs);
+    if let Some((like, op)) = like.zip(device.states.op) {
+        let finding = Finding::new(Kind::Sync0LeftOut { like }, Some(place), op.frame);
+        all.push(finding.at(op.value));
     }
 }
 

@@ -23,7 +23,12 @@ fn ran(slower: &[u32], fault: &str) -> (Vec<u8>, bool) {
     if !fault.is_empty() {
         text += &format!("[[fault]]\nat = \"in-operation + 200ms\"\nwhat = \"{fault}\"\n");
     }
-    let file = SegmentFile::parse("rhythms.toml", &text).expect("a segment");
+    captured(&text)
+}
+
+/// The capture of a run of this file, and whether the run was in sync.
+fn captured(text: &str) -> (Vec<u8>, bool) {
+    let file = SegmentFile::parse("rhythms.toml", text).expect("a segment");
     let mut capture = Vec::new();
     let tap = Capture::new(&mut capture).expect("a Vec takes everything");
     let outcome = Scenario::from(file).run().execute(Some(tap), &mut |_| {});
@@ -48,6 +53,27 @@ fn stamped(capture: &[u8], stamp: impl Fn(u64, Duration) -> Duration) -> Vec<u8>
         other.write(last, frame.sent == Some(true), &frame.bytes);
     }
     other.finish().expect("a Vec takes everything")
+}
+
+/// A drive that nobody gave SYNC0, beside one of its kind that has it: said, and no fault. An I/O
+/// is of another kind.
+#[test]
+fn a_drive_without_sync0_beside_its_like_is_told() {
+    let told = |modes: [&str; 2]| {
+        let drive = |mode| {
+            format!("[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nmode = \"{mode}\"\n")
+        };
+        let io = "[[subdevice]]\ndevice = \"simple_io16\"\n";
+        let text = format!("cycle = \"1ms\"\nfor = \"200ms\"\n{}{io}", modes.map(drive).concat());
+        let capture = captured(&text).0;
+        let report = diagnosed(&capture);
+        assert_eq!(report.verdict.kind, VerdictKind::InSync, "{}", report.text());
+        let left_out = report.findings.iter().filter(|one| one.kind == "sync0-left-out");
+        left_out.map(|one| one.device).collect::<Vec<_>>()
+    };
+    assert_eq!(told(["dc-sync0", "sm"]), [Some(1)]);
+    assert_eq!(told(["sm", "dc-sync0"]), [Some(0)]);
+    assert_eq!(told(["dc-sync0", "dc-sync0"]), []);
 }
 
 /// Drives with a cycle of their own have frames of their own, of which some hold no time of the

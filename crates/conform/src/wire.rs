@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use isocat_segment::Scenario;
 use isocat_sim::observation::Observed;
-use isocat_sim::{Lost, Served};
+use isocat_sim::{Lost, Served, Timeline};
 use isocat_wire::time::{Host, Nanos, Time, True};
 
 /// The connection that the suite sends its frames through.
@@ -88,6 +88,17 @@ fn switch_on(scenario: &Scenario) -> Served {
     let mut served = Served::new(setup.segment, setup.seed, Time::ZERO);
     served.show_everything();
     served
+}
+
+impl VirtualWire {
+    /// The same with the faults of the file that begin at an instant, and not in operation.
+    pub fn with_faults(scenario: Scenario) -> Self {
+        let setup = scenario.run().setup;
+        let timeline = Timeline::new(setup.faults, setup.seed).with_spares(setup.spares);
+        let mut served = Served::new(setup.segment, setup.seed, Time::ZERO).with_faults(timeline);
+        served.show_everything();
+        Self { scenario, served, now: Time::ZERO, seen: Vec::new() }
+    }
 }
 
 impl Wire for VirtualWire {

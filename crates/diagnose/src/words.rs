@@ -245,6 +245,7 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         ],
         Kind::SilentToTheEnd { .. } => &[
             "look at the power of the first device, and at the cable between the MainDevice and it",
+            "isocat scan --interface IF --rescue names the port behind which the line is dead",
             "look whether the capture's own interface has a link",
         ],
         Kind::StayedBelow { .. } => &[

@@ -13,7 +13,7 @@
 //! The host's clock only paces the frames. The computation uses instants of the reference clock,
 //! which each drift frame carries.
 
-mod bus;
+pub(crate) mod bus;
 mod clocks;
 mod course;
 mod found;

@@ -142,7 +142,7 @@ fn of_segment(finding: &crate::report::Finding, report: &Report) -> Diagnosis {
             ],
             &[
                 "look whether the MainDevice's port has a link, and the lamp at the first SubDevice's port IN",
-                "isocat diagnose of a capture tells the first frame without an answer",
+                "isocat scan --interface IF --rescue names the port behind which the line is dead",
             ],
         ),
         Kind::Judged(Judged::FramesLost { .. }) => (

@@ -109,17 +109,17 @@ impl fmt::Display for Trouble {
 impl std::error::Error for Trouble {}
 
 /// Command, address, data.
-pub(super) type Ask = (Command, Address, Vec<u8>);
+pub(crate) type Ask = (Command, Address, Vec<u8>);
 
 /// The answer to an [`Ask`].
 #[derive(Clone, Debug)]
-pub(super) struct Answer {
+pub(crate) struct Answer {
     pub data: Vec<u8>,
     pub wkc: u16,
 }
 
 /// Access to a segment.
-pub(super) struct Bus<'w> {
+pub(crate) struct Bus<'w> {
     wire: &'w mut dyn Wire,
     stop: &'w AtomicBool,
     index: u8,
@@ -278,22 +278,22 @@ fn answers(frame: &[u8], asks: &[Ask]) -> Option<Vec<Answer>> {
 }
 
 /// A read of one device's memory.
-pub(super) fn read(position: usize, address: u16, len: usize) -> Ask {
+pub(crate) fn read(position: usize, address: u16, len: usize) -> Ask {
     (Command::Aprd, at(position, address), vec![0; len])
 }
 
 /// A write to one device's memory.
-pub(super) fn write(position: usize, address: u16, data: Vec<u8>) -> Ask {
+pub(crate) fn write(position: usize, address: u16, data: Vec<u8>) -> Ask {
     (Command::Apwr, at(position, address), data)
 }
 
 /// A device by its position.
-pub(super) fn at(position: usize, address: u16) -> Address {
+pub(crate) fn at(position: usize, address: u16) -> Address {
     Address::Position(AutoIncrementAddress::of_position(position as u16), address)
 }
 
 /// Up to eight bytes, little-endian.
-pub(super) fn number(bytes: &[u8]) -> u64 {
+pub(crate) fn number(bytes: &[u8]) -> u64 {
     bytes.iter().take(8).rev().fold(0, |number, byte| number << 8 | u64::from(*byte))
 }
 

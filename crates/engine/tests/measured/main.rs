@@ -5,3 +5,4 @@ mod calibrate;
 mod calibrate_jitter;
 mod dynamic_times;
 mod end_reading;
+mod rescue;

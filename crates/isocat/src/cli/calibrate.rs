@@ -135,7 +135,7 @@ fn message(step: Step) -> String {
 }
 
 /// Sets up an early end on Ctrl-C, after which everything is restored.
-fn stop_on_signals() -> Result<Arc<AtomicBool>, String> {
+pub(super) fn stop_on_signals() -> Result<Arc<AtomicBool>, String> {
     #[cfg(target_os = "linux")]
     return super::interface::stop_on_signals()
         .map_err(|error| format!("signals can't be caught: {error}"));

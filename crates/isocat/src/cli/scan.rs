@@ -1,9 +1,11 @@
 //! `isocat scan`.
 
 use clap::Args;
+use isocat_conform::wire::{VirtualWire, Wire};
 #[cfg(target_os = "linux")]
 use isocat_descriptions::StartUp;
 use isocat_engine::report::scan::{Place, ScanReport};
+use isocat_engine::rescue::Rescue;
 use isocat_engine::scan::{Failure, Scan};
 use isocat_maindevice::Cause;
 #[cfg(target_os = "linux")]
@@ -36,6 +38,10 @@ pub struct Arguments {
     /// Seed of all randomness in virtual time
     #[arg(long)]
     seed: Option<u64>,
+    /// No frame comes back: close port after port until frames do, and say which line is dead. The
+    /// port before it stays closed; nothing else is written
+    #[arg(long, conflicts_with_all = ["json", "device", "quick", "esi"])]
+    rescue: bool,
     /// Print as one JSON document
     #[arg(long)]
     json: bool,
@@ -64,6 +70,10 @@ pub fn run(arguments: &Arguments) -> u8 {
         Err(message) => return fail(&message),
     };
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
+    if arguments.rescue {
+        let place = scenario.source.clone();
+        return rescue(&place, &mut VirtualWire::with_faults(scenario));
+    }
     super::note_ring(&scenario, "scan");
     let bar = progress_bar(scenario.duration);
     let scan = Scan::of(&scenario, !arguments.quick, &mut |stage| bar.set_message(stage.name()));
@@ -90,6 +100,9 @@ fn on_interface(arguments: &Arguments, interface: &str) -> u8 {
         Ok(socket) => socket,
         Err(error) => return fail(&error.to_string()),
     };
+    if arguments.rescue {
+        return rescue(interface, &mut isocat_conform::wire::RawWire::new(socket));
+    }
     let stop = match super::interface::stop_on_signals() {
         Ok(stop) => stop,
         Err(error) => return fail(&format!("signals can't be caught: {error}")),
@@ -104,6 +117,26 @@ fn on_interface(arguments: &Arguments, interface: &str) -> u8 {
     match eni {
         None => finish(arguments, place, &scan),
         Some((path, eni)) => compare(arguments, place, &scan, path, &eni.start_up),
+    }
+}
+
+/// Looks for the line that makes a segment silent.
+fn rescue(place: &str, wire: &mut dyn Wire) -> u8 {
+    let stop = match super::calibrate::stop_on_signals() {
+        Ok(stop) => stop,
+        Err(message) => return fail(&message),
+    };
+    let bar = progress_bar(isocat_wire::Nanos::ZERO);
+    bar.set_message("ports");
+    let found = isocat_engine::rescue::rescue(wire, &stop);
+    bar.finish_and_clear();
+    match found {
+        Err(trouble) => fail(&format!("{place}: {trouble}")),
+        Ok(found) => match print(&found.text()) {
+            BAD_INPUT => BAD_INPUT,
+            _ if matches!(found, Rescue::Alive(_)) => IN_SYNC,
+            _ => NOT_IN_SYNC,
+        },
     }
 }
 
@@ -165,6 +198,10 @@ fn no_answer(place: Place<'_>, scan: &Scan) -> Option<String> {
     };
     match scan.failure.as_ref()? {
         Failure::Gave(error) => match &error.cause {
+            Cause::Silent { foreign: None, .. } => {
+                let silent = &error.cause;
+                Some(format!("{place}: {silent}; --rescue looks for a line that gives nothing back"))
+            }
             Cause::Silent { .. } | Cause::Empty | Cause::Access(_) => {
                 Some(format!("{place}: {}", error.cause))
             }

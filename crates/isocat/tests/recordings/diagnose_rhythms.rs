@@ -60,9 +60,8 @@ fn stamped(capture: &[u8], stamp: impl Fn(u64, Duration) -> Duration) -> Vec<u8>
 #[test]
 fn a_drive_without_sync0_beside_its_like_is_told() {
     let told = |modes: [&str; 2]| {
-        let drive = |mode| {
-            format!("[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nmode = \"{mode}\"\n")
-        };
+        let drive =
+            |mode| format!("[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nmode = \"{mode}\"\n");
         let io = "[[subdevice]]\ndevice = \"simple_io16\"\n";
         let text = format!("cycle = \"1ms\"\nfor = \"200ms\"\n{}{io}", modes.map(drive).concat());
         let capture = captured(&text).0;

@@ -117,7 +117,9 @@ fn without_evidence_nothing_is_checked_and_each_claim_says_so() {
     // Without a SYNC0 that is known to run, its start, the clocks, and the phase and time of the
     // frames are no claims, nor is an interpolation time that nobody wrote.
     let all = crate::book::RULES.iter().map(|rule| rule.name);
-    let expected = all.filter(|name| !matches!(*name, "starts" | "clock-kept" | "steady" | "time" | "interpolation"));
+    let expected = all.filter(|name| {
+        !matches!(*name, "starts" | "clock-kept" | "steady" | "time" | "interpolation")
+    });
     assert_eq!(rules, expected.collect());
 }
 

@@ -119,17 +119,21 @@ tarball() {
   git ls-files -z --cached --others --exclude-standard | xargs -0 ls -d 2>/dev/null | tar -c -T - | tar -x -C "$tree"
   chown -R nobody "$folder/a folder with spaces" "$folder/upper"
   # This user reaches neither root's toolchain nor its registry; in a namespace of its own both are elsewhere.
+  local code=0
   # shellcheck disable=SC2016 # expanded there
   unshare --mount --net bash -euc '
     folder=$0
     mount --bind "$1" "$folder/toolchain"
     mount -t overlay overlay -o "lowerdir=$2,upperdir=$folder/upper,workdir=$folder/work" "$folder/cargo"
+    # Some packages come with files that their owner alone may read.
+    chmod -R a+rX "$folder/cargo/registry/src"
     cd "$folder/a folder with spaces/isocat"
     shift 2
     exec setpriv --reuid=nobody --regid=nogroup --clear-groups \
       env -u RUSTUP_HOME HOME=/proc CARGO_HOME="$folder/cargo" PATH="$folder/toolchain/bin:$PATH" "$@"
-  ' "$folder" "$(rustc --print sysroot)" "${CARGO_HOME:-$HOME/.cargo}" "${test[@]}"
+  ' "$folder" "$(rustc --print sysroot)" "${CARGO_HOME:-$HOME/.cargo}" "${test[@]}" || code=$?
   rm -rf "$folder/a folder with spaces"
+  return $code
 }
 
 run() { # KIND NUMBER

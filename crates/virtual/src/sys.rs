@@ -253,7 +253,7 @@ impl Listener {
             Reply::Continue => (0, 0, CONTINUE),
         };
         let mut response = libc::seccomp_notif_resp { id, val, error, flags };
-        self.ioctl(SEND, (&raw mut response).cast()).map(|_| ())
+        self.uninterrupted(SEND, (&raw mut response).cast()).map(|_| ())
     }
 
     /// Installs one of our descriptors in the stopped process, with the lowest free number or with
@@ -272,7 +272,18 @@ impl Listener {
             newfd: number.unwrap_or(0),
             newfd_flags: if close_on_exec { libc::O_CLOEXEC as u32 } else { 0 },
         };
-        self.ioctl(ADD_DESCRIPTOR, (&raw mut request).cast())
+        self.uninterrupted(ADD_DESCRIPTOR, (&raw mut request).cast())
+    }
+
+    /// Makes a request again when a signal to this thread cuts it short: the watchdog's comes
+    /// whenever a machine stood still for a while, and a request that it cuts short has no effect.
+    fn uninterrupted(&self, request: u64, argument: *mut c_void) -> io::Result<i32> {
+        loop {
+            match self.ioctl(request, argument) {
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                done => return done,
+            }
+        }
     }
 
     fn ioctl(&self, request: u64, argument: *mut c_void) -> io::Result<i32> {

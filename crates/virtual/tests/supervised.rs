@@ -93,6 +93,31 @@ fn threads_meet_in_virtual_time_and_the_same_way_each_time() {
     assert!(first.figures.threads >= 5);
 }
 
+/// The watchdog of a machine that stands still for a while cuts the supervisor's own calls short.
+/// What it asked for has to be asked again, or a program's clock stops at each reading in one run and
+/// counts by itself in the next.
+#[test]
+fn signals_to_the_supervisor_change_no_run() {
+    let subject = "spins_by_the_clock";
+    let Some((undisturbed, _)) = ends_well(subject) else { return };
+    // SAFETY: the thread is this one, which outlives the other.
+    let this = unsafe { libc::pthread_self() };
+    let over = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !over.load(std::sync::atomic::Ordering::SeqCst) {
+                // SAFETY: as above.
+                unsafe { libc::pthread_kill(this, libc::SIGURG) };
+            }
+        });
+        let runs: Vec<_> = (0..10).map(|_| run(subject, &options())).collect();
+        over.store(true, std::sync::atomic::Ordering::SeqCst);
+        for (ended, _) in runs.into_iter().flatten() {
+            assert_eq!((ended.lasted, ended.figures), (undisturbed.lasted, undisturbed.figures));
+        }
+    });
+}
+
 #[test]
 fn a_loop_that_asks_for_the_time_ends() {
     let Some((ended, _)) = ends_well("spins_by_the_clock") else { return };

@@ -45,7 +45,17 @@ impl Supervisor<'_> {
                 Some(PAGE_DESCRIPTOR),
                 false,
             );
-            if added.is_ok() {
+            let is_added = match added {
+                Ok(_) => true,
+                // The program's limit of descriptors is below this number, so that its clocks stop
+                // at the supervisor; or the thread was killed meanwhile.
+                Err(error) if matches!(error.raw_os_error(), Some(libc::EBADF | libc::ENOENT)) => {
+                    false
+                }
+                // Not a run that is slower and otherwise than the next one.
+                Err(error) => return Err(error),
+            };
+            if is_added {
                 memory.write_all_at(&clock.bytes, clock.address)?;
                 let jump = vdso::jump(stub);
                 let mut under = vec![0; jump.len()];

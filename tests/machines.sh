@@ -126,7 +126,7 @@ tarball() {
     mount --bind "$1" "$folder/toolchain"
     mount -t overlay overlay -o "lowerdir=$2,upperdir=$folder/upper,workdir=$folder/work" "$folder/cargo"
     # Some packages come with files that their owner alone may read.
-    chmod -R a+rX "$folder/cargo/registry/src"
+    find "$folder/cargo/registry/src" ! -perm -o+r -exec chmod a+rX {} +
     cd "$folder/a folder with spaces/isocat"
     shift 2
     exec setpriv --reuid=nobody --regid=nogroup --clear-groups \

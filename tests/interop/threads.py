@@ -48,6 +48,8 @@ TEXTS = ["verdict", "symptom", "cause", "remedy", "never"]
 PARTS = ["expressed", "symptom", "cause", "remedy"]
 # Where the verdict of `virtual` begins: what stands before it is how long it ran.
 VERDICT = re.compile(r"^ ?(In sync|Not |No |no |Nothing|Not known)", re.MULTILINE)
+# What the file itself asked for is no answer.
+ECHO = re.compile(r"^ ?What went wrong, as the segment file asks.*?(\n\s*\n|\Z)", re.MULTILINE | re.DOTALL)
 TIMEOUT = 120
 
 
@@ -89,6 +91,7 @@ class Case:
         except subprocess.TimeoutExpired:
             code, text = None, f"no end within {TIMEOUT} s"
         self.said.append((ask["do"], code, text))
+        text = ECHO.sub("", text)
         start = VERDICT.search(text) if ask["do"].startswith("virtual") else None
         flat = " ".join(text.split())
         first = " ".join(text[start.start() if start else 0:].split())[:400]

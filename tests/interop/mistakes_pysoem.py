@@ -289,6 +289,15 @@ class Program:
                     target.sdo_read(0x1018, 1)
                 self.main.read_state()
                 self.due = None
+            if has("restart-sync-left"):
+                # As a program that is started anew, and leaves SYNC0 as it was.
+                self.state(pysoem.INIT_STATE)
+                self.state(pysoem.PREOP_STATE)
+                self.main.config_map()
+                self.main.config_dc()
+                self.add(target, 700_000)
+                self.to_safeop()
+                self.to_op()
             if has("rescan-in-op"):
                 self.main.config_init()
                 self.due = None

@@ -14,7 +14,7 @@ Each file of tests/threads is one thread:
       never                         what it must not say: blame of what is well
 
 All but `do` and `exit` are lists of regular expressions, tried on text whose line breaks are spaces, without regard to case. Four
-things are computed of each case: it is *expressed* if no command refuses its input (exit code 2, unless that is the right one), the
+things are computed of each case: it is *expressed* if no command refuses its input (exit code 2, unless that is the right one, and then it has nothing), the
 *symptom* shows if exit codes are right and `symptom` is there, the *cause* is named if `verdict` and `cause` are there, the *remedy* if
 `remedy` is. A case with all four and nothing forbidden is *whole*. An answer is *wrong* if its exit code is not the right one or it says
 what it must not.
@@ -99,7 +99,9 @@ class Case:
         if code not in right:
             self.wrong.append(f"exit {code} of `{ask['do']}`")
             self.has["symptom"] = False
-            self.has["expressed"] &= code not in (2, None)
+            if code in (2, None):
+                self.has = dict.fromkeys(PARTS, False)
+                return
         for part, where in [("verdict", first), ("symptom", flat), ("cause", flat), ("remedy", flat)]:
             for pattern in ask.get(part, []):
                 if not re.search(pattern, where, re.IGNORECASE):

@@ -13,11 +13,15 @@ Each file of tests/threads is one thread:
       symptom, cause, remedy        what the answer says
       never                         what it must not say: blame of what is well
 
-All but `do` and `exit` are lists of regular expressions, tried on text whose line breaks are spaces, without regard to case. Four
-things are computed of each case: it is *expressed* if no command refuses its input (exit code 2, unless that is the right one, and then it has nothing), the
-*symptom* shows if exit codes are right and `symptom` is there, the *cause* is named if `verdict` and `cause` are there, the *remedy* if
-`remedy` is. A case with all four and nothing forbidden is *whole*. An answer is *wrong* if its exit code is not the right one or it says
-what it must not.
+All but `do` and `exit` are lists of regular expressions, tried on text whose line breaks are spaces, without regard to case, and without
+the list of faults that the file itself asked for. Four things are computed of each case:
+
+    expressed    no command refuses its input (exit code 2, unless that is the right one); else the case has nothing
+    symptom      exit codes are right, and `symptom` is there
+    cause        `verdict` and `cause` are there
+    remedy       `remedy` is there
+
+A case with all four and nothing forbidden is *whole*. An answer is *wrong* if its exit code is not the right one or it says what it must not.
 
     threads.py [--isocat PATH] [--only NAME]... [--show]
 

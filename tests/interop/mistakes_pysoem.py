@@ -34,11 +34,13 @@ class Program:
         self.main.config_init()
         self.devices = list(self.main.slaves)
         self.drives = [device for device in self.devices if device.man not in NO_DRIVES]
-        self.target = self.devices[int(AT)] if AT else self.drives[1]
+        self.target = self.devices[int(AT)] if AT else [*self.devices[-1:], *self.drives[:2]][-1]
         self.due, self.integral = None, 0.0
 
     # Steps, in their order.
     def run(self):
+        if has("sdo-before-preop"):
+            self.write_before_preop()
         self.state(pysoem.PREOP_STATE)
         self.write_types()
         if has("config-dc-first"):
@@ -87,10 +89,20 @@ class Program:
         self.main.state = pysoem.INIT_STATE
         self.main.write_state()
 
+    def write_before_preop(self):
+        """PREOP is asked for, and the mailbox is used at once."""
+        for drive in self.drives:
+            drive.state = pysoem.INIT_STATE
+            drive.write_state()
+            drive.state_check(pysoem.INIT_STATE, 500_000)
+            drive.state = pysoem.PREOP_STATE
+            drive.write_state()
+            self.try_write(drive, 0x1C32, 3, bytes(4))
+
     def try_write(self, device, index, sub, data):
         try:
             device.sdo_write(index, sub, data)
-        except pysoem.SdoError:
+        except (pysoem.SdoError, pysoem.WkcError, pysoem.MailboxError):
             pass
 
     def interpolate(self, drive, units, power):
@@ -98,6 +110,11 @@ class Program:
         drive.sdo_write(0x60C2, 2, struct.pack("<b", power))
 
     def write_types(self):
+        # What a drive interpolates over, in ms: ten times the cycle, or the cycle.
+        period = {"interpolation-40ms": 40, "interpolation-4ms": 4}.get(NAME)
+        for drive in self.drives if period else []:
+            self.try_write(drive, 0x60C2, 1, bytes([period]))
+            self.try_write(drive, 0x60C2, 2, b"\xfd")
         types = {"type-sm": 1, "type-free": 0, "type-and-cycle": 2}
         for drive in self.drives:
             if NAME in types:
@@ -224,8 +241,17 @@ class Program:
         wanted = self.devices
         if has("op-not-target"):
             wanted = [device for device in self.devices if device is not self.target]
+        if has("op-blocking"):
+            # Something else first; and no process data while it waits for OP.
+            time.sleep(0.3)
         for attempt in range(3):
-            if has("op-not-target", "states-one-by-one"):
+            if has("op-blocking"):
+                self.main.state = pysoem.OP_STATE
+                self.main.write_state()
+                self.main.state_check(pysoem.OP_STATE, 15_000_000)
+                self.main.read_state()
+                self.due = None
+            elif has("op-not-target", "states-one-by-one"):
                 for device in wanted:
                     device.state = pysoem.OP_STATE
                     device.write_state()
@@ -266,6 +292,26 @@ class Program:
                 self.due += 2_500_000
             if has("late-once"):
                 time.sleep(0.003)
+            if has("late-30ms"):
+                time.sleep(0.03)
+            if has("sdo-in-op"):
+                # In the thread of the cycle, as long as it takes.
+                for _ in range(500):
+                    target.sdo_read(0x1018, 1)
+                self.main.read_state()
+                self.due = None
+            if has("restart-sync-left"):
+                # As a program that is started anew, and leaves SYNC0 as it was.
+                self.state(pysoem.INIT_STATE)
+                self.state(pysoem.PREOP_STATE)
+                self.main.config_map()
+                self.main.config_dc()
+                self.add(target, 700_000)
+                self.to_safeop()
+                self.to_op()
+            if has("rescan-in-op"):
+                self.main.config_init()
+                self.due = None
         if has("read-state-each"):
             self.main.read_state()
 
@@ -279,7 +325,8 @@ class Program:
 
     def exchange(self):
         self.main.send_processdata()
-        self.main.receive_processdata(2_000)
+        # A loop that forgives: an answer that is late counts as the one of the next cycle.
+        self.main.receive_processdata(100 if has("receive-100us") else 2_000)
 
     def cycle(self, number=None):
         now = time.monotonic_ns()
@@ -294,6 +341,9 @@ class Program:
         self.due += period + self.correction()
         time.sleep(max(0, self.due - time.monotonic_ns()) / 1e9)
         operates = number is not None
+        if has("work-3ms") and operates and number % 100 == 99:
+            # Between waking and sending.
+            time.sleep(0.003)
         if has("every-second-cycle") and operates and number % 2:
             return
         self.exchange()

@@ -110,11 +110,6 @@ class Program:
         drive.sdo_write(0x60C2, 2, struct.pack("<b", power))
 
     def write_types(self):
-        # What a drive interpolates over, in ms: ten times the cycle, or the cycle.
-        period = {"interpolation-40ms": 40, "interpolation-4ms": 4}.get(NAME)
-        for drive in self.drives if period else []:
-            self.try_write(drive, 0x60C2, 1, bytes([period]))
-            self.try_write(drive, 0x60C2, 2, b"\xfd")
         types = {"type-sm": 1, "type-free": 0, "type-and-cycle": 2}
         for drive in self.drives:
             if NAME in types:

@@ -159,16 +159,32 @@ pub(crate) fn interpolation(device: &Device) -> Option<Known<Nanos>> {
     Some(Known { value, frame: at.max(then) })
 }
 
-/// An interpolation time that is not the time between the outputs of a device, with the frame that
-/// shows it.
-pub(crate) fn other_interpolation(observer: &Observer, device: &Device) -> Option<Known<Breach>> {
-    let known = interpolation(device).filter(|_| was_in_op(observer, device))?;
-    let cycle = rhythm(observer)?.median().map(nanos)?;
-    // Whole cycles: one more or less is counted at the ends.
-    let each = data::carried_each(observer, device, 0, cycle)?;
-    let wanted = Nanos(cycle.0 * ((each.0 + cycle.0 / 2) / cycle.0).max(1));
-    let breach = known.map(|found| Breach::OtherInterpolation { wanted, found });
-    (!period::agrees(known.value, wanted)).then_some(breach)
+/// What holds of any segment, whatever it is meant to do: the start of SYNC0 is to come, frames stay
+/// where they are in the cycle, process data are carried and overlap nowhere, and a drive
+/// interpolates over the time between its outputs.
+pub(crate) fn of_any(observer: &Observer) -> Claims {
+    let cycle = rhythm(observer).and_then(|rhythm| rhythm.median()).map(nanos);
+    let each = |at: usize| {
+        let place = observer.devices.at(u16::try_from(at).ok()?)?;
+        let cycle = cycle.filter(|cycle| cycle.0 > 0)?;
+        let each = data::carried_each(observer, &observer.devices.list[place], 0, cycle)?;
+        // Whole cycles: one more or less is counted at the ends.
+        Some(Nanos(cycle.0 * ((each.0 + cycle.0 / 2) / cycle.0).max(1)))
+    };
+    let device = |at| DeviceClaims { interpolation: each(at), ..DeviceClaims::default() };
+    let devices = (0..observer.devices.list.len()).map(device).collect();
+    Claims { cycle: None, sync0_limit: Nanos(sync::APART_NS.into()), devices }
+}
+
+/// The first device with SYNC0 of which nothing shows that its clock had come to the reference
+/// before it operated, though the capture has its way up.
+pub(crate) fn unled(observer: &Observer) -> Option<usize> {
+    let leads = judge::reference(observer);
+    let is_unled = |(place, device): (usize, &Device)| {
+        let pulses = device.sync.is_on() && operated_as_set_up(observer, device);
+        pulses && leads.is_some() && leads != Some(place) && !follows(observer, device)
+    };
+    observer.devices.list.iter().enumerate().find(|one| is_unled(*one)).map(|(place, _)| place)
 }
 
 /// The frame in which a device was asked for SAFEOP on its last way up, or was first seen there if

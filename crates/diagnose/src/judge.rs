@@ -10,7 +10,6 @@ use isocat_wire::{ObjectAddress, PortNumber, register};
 
 use crate::clock::Reference;
 use crate::device::Device;
-use crate::evidence;
 use crate::finding::{Finding, Kind};
 use crate::judge::claims::Held;
 use crate::known::Known;
@@ -36,12 +35,6 @@ pub(crate) fn findings(observer: &Observer, tap: Tap, rulings: &[Held]) -> Vec<F
         counters(place, device, &mut all);
         mailbox(place, device, &mut all);
         sync_counters(place, device, &mut all);
-        // Otherwise the rulebook holds it against the claim.
-        if let (None, Some(other)) =
-            (&observer.claims, evidence::other_interpolation(observer, device))
-        {
-            all.push(Finding::new(Kind::Breached(other.value), Some(place), other.frame));
-        }
     }
     talkers(observer, &mut all);
     claims::judge(rulings, &mut all);

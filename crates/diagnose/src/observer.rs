@@ -553,7 +553,7 @@ impl Observer {
         if self.operating && !operates {
             // As things are before the way down changes them.
             if self.held.len() < MOST_STRETCHES {
-                self.held.extend(claims::hold(self));
+                self.held.push(claims::hold(self));
             }
             self.phases.pause();
             self.left = Some(Known { value: at, frame });

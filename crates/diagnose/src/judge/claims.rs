@@ -17,16 +17,24 @@ pub(crate) struct Held {
     shown: Vec<(Option<usize>, usize, Option<Duration>)>,
 }
 
-/// Holds the present stretch of operation against the claims; `None` without claims.
-pub(crate) fn hold(observer: &Observer) -> Option<Held> {
-    let claims = observer.claims.as_ref()?;
+/// Holds the present stretch of operation against the claims. Without a file these are what holds
+/// of any segment.
+pub(crate) fn hold(observer: &Observer) -> Held {
+    let of_any;
+    let claims = match &observer.claims {
+        Some(claims) => claims,
+        None => {
+            of_any = evidence::of_any(observer);
+            &of_any
+        }
+    };
     let ruling = isocat_rules::judge(claims, &evidence::of(observer, claims));
     let shown = ruling.breached.iter().map(|Breached { device, breach }| {
         let place = device.and_then(|at| observer.devices.at(u16::try_from(at).ok()?));
         let (frame, at) = evidence::shown(observer, place, breach);
         (place, frame, at)
     });
-    Some(Held { shown: shown.collect(), ruling })
+    Held { shown: shown.collect(), ruling }
 }
 
 /// All stretches of operation so far, held against the claims.
@@ -34,7 +42,7 @@ pub(crate) fn rulings(observer: &Observer) -> Vec<Held> {
     let ended = observer.held.iter().cloned();
     // After the last stretch only the way down is left.
     let goes_on = observer.is_operating() || observer.held.is_empty();
-    ended.chain(hold(observer).filter(|_| goes_on)).collect()
+    ended.chain(goes_on.then(|| hold(observer))).collect()
 }
 
 pub(super) fn judge(rulings: &[Held], all: &mut Vec<Finding>) {

@@ -419,11 +419,11 @@ impl DoubtKind {
         match self {
             Self::Blank | Self::SyncManagersMissing | Self::MailboxMissing => {
                 &["write the whole image: the maker's description (ESI) has what is missing, and \
-                 `isocat sii --from FILE.xml --type TYPE --out OUT` makes the image of it"]
+                 `isocat sii --from FILE --type TYPE --out OUT` makes the image of it"]
             }
             Self::PdoSyncManager | Self::SyncManagerOff | Self::SyncManagerUntyped => {
                 &["compare with the SyncManagers of the maker's description (ESI), as \
-                 `isocat sii --from FILE.xml --type TYPE` shows them; `--out OUT` writes that image"]
+                 `isocat sii --from FILE --type TYPE` shows them; `--out OUT` writes that image"]
             }
             Self::Checksum => &[
                 "correct the checksum, by writing words 0 to 7 anew: `isocat sii --from FILE --out OUT` \

@@ -354,7 +354,7 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         Kind::CountersFromBefore { .. } => &["clear them (write 0x0300) and read them again later"],
         Kind::EepromSilent { .. } => &[
             "the EEPROM is missing or dead, or its bus is held low: look at its supply, SCL and SDA on the board",
-            "replace the device, or write the maker's image (`isocat sii --from FILE.xml --type TYPE --out OUT`) to a new EEPROM",
+            "replace the device, or write the maker's image (`isocat sii --from FILE --type TYPE --out OUT`) to a new EEPROM",
         ],
         Kind::EepromWritten { .. } => &[],
     };

@@ -57,8 +57,8 @@ pub(crate) async fn change(
     }
 }
 
-/// Takes a SubDevice to INIT. Without its configuration an ESC has no PDI, so nobody behind it reads
-/// a request: then the EEPROM is the cause.
+/// Takes a SubDevice to INIT. Without its configuration an ESC has no PDI, so nobody behind it
+/// reads a request: then the EEPROM is the cause.
 pub(crate) async fn to_init(
     link: &Link,
     device: &mut SubDevice,

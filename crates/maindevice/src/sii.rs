@@ -259,8 +259,8 @@ impl Identity {
 }
 
 impl Sii {
-    /// Takes the data of a category, which begin at word `at`. Unused categories, and those with names of strings, are left
-    /// out.
+    /// Takes the data of a category, which begin at word `at`. Unused categories, and those with
+    /// names of strings, are left out.
     pub fn take(&mut self, kind: u16, at: usize, data: &[u8]) {
         match kind {
             category::FMMU => self.fmmus = data.to_vec(),
@@ -473,7 +473,8 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// PDOs of a category whose data begin at word `at`, each head with its entries; an incomplete PDO at the end is dropped.
+/// PDOs of a category whose data begin at word `at`, each head with its entries; an incomplete PDO
+/// at the end is dropped.
 fn pdos(at: usize, data: &[u8]) -> Vec<SiiPdo> {
     let mut pdos = Vec::new();
     let mut records = data.chunks_exact(PdoRecord::LEN).filter_map(|r| r.first_chunk());

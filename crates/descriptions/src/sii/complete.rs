@@ -143,8 +143,8 @@ impl Judge<'_> {
         self.keeps(DoubtKind::SyncManagersMissing, at, expected, found);
     }
 
-    /// PDOs whose SyncManager is not for process data. Devices with CoE or SoE tell their assignment
-    /// otherwise, too.
+    /// PDOs whose SyncManager is not for process data. Devices with CoE or SoE tell their
+    /// assignment otherwise, too.
     fn assignments(&mut self) {
         let (header, all) = (self.content.header, self.content.sync_managers);
         let can_tell = header.protocols & (Header::COE | Header::SOE) != 0;

@@ -44,7 +44,7 @@ pub(super) fn unread(problem: SiiProblem) -> Option<(&'static str, &'static [&'s
             &[
                 "Look at the EEPROM on the board: its supply, its address pins, SCL and SDA with their pull-ups, and the pin \
                  that tells the ESC its size.",
-                "Replace the device, or its EEPROM with the image of its maker: isocat sii --from FILE.xml --type TYPE --out OUT \
+                "Replace the device, or its EEPROM with the image of its maker: isocat sii --from FILE --type TYPE --out OUT \
                  makes one of the description.",
             ],
         )),
@@ -52,14 +52,14 @@ pub(super) fn unread(problem: SiiProblem) -> Option<(&'static str, &'static [&'s
             "The ESC has no configuration, and so no door to a CPU (0x0110 bit 0): its EEPROM was never written, or words 0 to 6 \
              and the checksum in word 7 disagree, or it does not answer.",
             &[
-                "Write the image of its maker, then switch the device off and on: isocat sii --from FILE.xml --type TYPE --out OUT \
+                "Write the image of its maker, then switch the device off and on: isocat sii --from FILE --type TYPE --out OUT \
                  makes it of the description; isocat sii FILE tells what is wrong with one that was read out.",
             ],
         )),
         SiiProblem::Blank(_) => Some((
             "The EEPROM answers and was never written: the ESC has no configuration, and nobody knows which device it is.",
             &[
-                "Write the image of its maker: isocat sii --from FILE.xml --type TYPE --out OUT makes one of the description; then \
+                "Write the image of its maker: isocat sii --from FILE --type TYPE --out OUT makes one of the description; then \
                  switch the device off and on.",
             ],
         )),

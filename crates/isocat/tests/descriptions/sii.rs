@@ -212,7 +212,7 @@ fn no_maker_is_blamed() {
     println!("{devices} devices");
 }
 
-/// An EEPROM of which something was forgotten: what `sii` says, and what `run` and `scan` say of it.
+/// An EEPROM of which something was forgotten: what `sii`, `run` and `scan` say of it.
 #[test]
 fn what_is_missing_is_the_cause() {
     let path = scratch("whole.bin");
@@ -270,8 +270,8 @@ fn what_is_missing_is_the_cause() {
     }
 }
 
-/// An EEPROM that was never written: the ESC has no door to a CPU, or a CPU is there and the content
-/// is blank.
+/// An EEPROM that was never written: the ESC has no door to a CPU, or a CPU is there and the
+/// content is blank.
 #[test]
 fn a_blank_eeprom_was_never_written() {
     for (byte, told) in [(0xFF, "did not load the EEPROM"), (0x00, "the EEPROM is blank")] {

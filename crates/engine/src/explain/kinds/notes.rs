@@ -29,7 +29,7 @@ pub(super) fn change(kind: NoteKind) -> &'static [&'static str] {
         }
         K::EepromIncomplete => {
             &["the EEPROM, by the whole image: the maker's description has what is missing \
-             (`isocat sii --from FILE.xml --type TYPE --out OUT`)"]
+             (`isocat sii --from FILE --type TYPE --out OUT`)"]
         }
         K::OpModeWithoutClock | K::DcWithoutClock => {
             &["mode, to one without DC: the device has no clock to run by"]

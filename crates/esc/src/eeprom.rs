@@ -165,8 +165,8 @@ impl Eeprom {
         }
     }
 
-    /// Finds no memory at a load: nothing acknowledges, so there is no checksum to be wrong. Nothing
-    /// is loaded.
+    /// Finds no memory at a load: nothing acknowledges, so there is no checksum to be wrong.
+    /// Nothing is loaded.
     pub fn miss(&mut self) -> bool {
         self.errors |= EepromStatus::COMMAND_ERROR | EepromStatus::NOT_LOADED;
         false

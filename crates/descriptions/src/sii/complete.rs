@@ -3,8 +3,8 @@
 //! A lack is stated where no MainDevice can do without it, and a lesser doubt where MainDevices
 //! differ. What makers leave out with reason is neither: couplers have no process data; the length
 //! of a SyncManager is 0 where the MainDevice is to write the sum of the PDOs, or object 0x1C12 of
-//! a device with CoE assigns them; a SyncManager that is off with length 0 is enabled with its PDOs;
-//! an ESC without a CPU checks nothing.
+//! a device with CoE assigns them; a SyncManager that is off with length 0 is enabled with its
+//! PDOs; an ESC without a CPU checks nothing.
 
 use isocat_wire::sii::{Header, MailboxArea, SmRecord, sm_type, word};
 

@@ -253,8 +253,8 @@ fn a_pdo_needs_a_sync_manager_for_process_data() {
     assert_eq!(judged(&sii), NONE);
 }
 
-/// What makers leave to the MainDevice: the length (AKD, EL2004), enabling with the PDOs (UR20),
-/// a direction without PDOs (EL5001), SyncManagers in OP only (EL2004), ESCs without a CPU (EL1004).
+/// What makers leave to the MainDevice: the length (AKD, EL2004), enabling with the PDOs (UR20), a
+/// direction without PDOs (EL5001), SyncManagers in OP only (EL2004), ESCs without a CPU (EL1004).
 #[test]
 fn lengths_and_flags_may_be_the_maindevices() {
     let with = |change: fn(&mut Sii)| {

@@ -5,7 +5,8 @@
 //! [`Doubt`] with its word, the expected and the found value. Only a file without a complete header
 //! is refused. `write` makes an image of a [`Sii`]: from a file, from an ESI file
 //! ([`EsiFile::sii`]) or from a profile. `report` gives the content of a file, for programs and
-//! people.
+//! people. `complete` judges whether a content has what the way up to OP needs, of a file as of
+//! what a MainDevice read.
 //!
 //! [`EsiFile::sii`]: crate::esi::EsiFile::sii
 
@@ -13,6 +14,7 @@ use std::fmt;
 
 use isocat_wire::sii::{Header, SmRecord};
 
+mod complete;
 mod hex;
 mod read;
 pub mod report;
@@ -21,6 +23,7 @@ mod tests;
 mod text;
 mod write;
 
+pub use complete::{Assigned, Content, lacks};
 pub use write::{Names, Unwritable};
 
 /// An SII with its file.
@@ -221,7 +224,7 @@ pub struct OtherCategory {
     pub data: Vec<u8>,
 }
 
-/// A contradiction of an image to the standard or to itself.
+/// A contradiction of an image to the standard or to itself, or something that it lacks.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Doubt {
     /// The kind.
@@ -232,11 +235,13 @@ pub struct Doubt {
     pub expected: String,
     /// The found value.
     pub found: String,
+    /// Whether it keeps a device with this EEPROM from OP.
+    pub keeps_from_op: bool,
 }
 
 impl fmt::Display for Doubt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { kind, word, expected, found } = self;
+        let Self { kind, word, expected, found, .. } = self;
         write!(f, "word {word:#06x}: {}: expected {expected}, found {found}", kind.name())
     }
 }
@@ -272,7 +277,7 @@ pub enum DoubtKind {
     StringMissing,
     /// The entries of a PDO continue after the end of their category.
     PdoCut,
-    /// A PDO is assigned to a SyncManager that is not listed.
+    /// A PDO is assigned to a SyncManager that is not listed, or not for process data.
     PdoSyncManager,
     /// The use of an FMMU is unknown.
     FmmuUse,
@@ -282,11 +287,23 @@ pub enum DoubtKind {
     MailboxArea,
     /// There are protocols without a mailbox, or a mailbox without protocols.
     MailboxProtocols,
+    /// Nothing was ever written to the EEPROM.
+    Blank,
+    /// There are no SyncManagers for the mailbox or the PDOs.
+    SyncManagersMissing,
+    /// The protocols of a mailbox are stated, and no place or no size of it.
+    MailboxMissing,
+    /// A SyncManager with PDOs and a length is not enabled.
+    SyncManagerOff,
+    /// A SyncManager is enabled and its type says unused.
+    SyncManagerUntyped,
+    /// There is no category General: the device has no name.
+    GeneralMissing,
 }
 
 impl DoubtKind {
     /// All kinds.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 25] = [
         Self::Checksum,
         Self::Version,
         Self::Size,
@@ -306,6 +323,12 @@ impl DoubtKind {
         Self::SyncManagerType,
         Self::MailboxArea,
         Self::MailboxProtocols,
+        Self::Blank,
+        Self::SyncManagersMissing,
+        Self::MailboxMissing,
+        Self::SyncManagerOff,
+        Self::SyncManagerUntyped,
+        Self::GeneralMissing,
     ];
 
     /// The name, in words joined by dashes.
@@ -330,6 +353,12 @@ impl DoubtKind {
             Self::SyncManagerType => "sync-manager-type",
             Self::MailboxArea => "mailbox-area",
             Self::MailboxProtocols => "mailbox-protocols",
+            Self::Blank => "blank",
+            Self::SyncManagersMissing => "sync-managers-missing",
+            Self::MailboxMissing => "mailbox-missing",
+            Self::SyncManagerOff => "sync-manager-off",
+            Self::SyncManagerUntyped => "sync-manager-untyped",
+            Self::GeneralMissing => "general-missing",
         }
     }
 
@@ -352,13 +381,58 @@ impl DoubtKind {
             Self::StringUnprintable => "A string has characters that cannot be printed.",
             Self::StringMissing => "A text has the number of a missing string.",
             Self::PdoCut => "The entries of a PDO continue after the end of their category.",
-            Self::PdoSyncManager => "A PDO is assigned to a SyncManager that is not listed.",
+            Self::PdoSyncManager => {
+                "A PDO is assigned to a SyncManager that is not listed, or not for process data."
+            }
             Self::FmmuUse => "The use of an FMMU is unknown.",
             Self::SyncManagerType => "The type of a SyncManager is unknown.",
             Self::MailboxArea => "The mailbox areas of the SyncManagers differ from the header.",
             Self::MailboxProtocols => {
                 "There are protocols without a mailbox, or a mailbox without protocols."
             }
+            Self::Blank => {
+                "All bytes of the header are 0xFF or 0x00: nothing was ever written to the EEPROM."
+            }
+            Self::SyncManagersMissing => {
+                "There are no SyncManagers for the mailbox or the PDOs: no MainDevice can set up process data."
+            }
+            Self::MailboxMissing => {
+                "The protocols of a mailbox are stated, and no place or no size of it: a device with \
+                 a CPU refuses PREOP (AL status code 0x0016)."
+            }
+            Self::SyncManagerOff => {
+                "A SyncManager with PDOs and a length is not enabled: a MainDevice that takes the \
+                 flag as it stands leaves it off, and the device refuses SAFEOP."
+            }
+            Self::SyncManagerUntyped => {
+                "A SyncManager is enabled and has a length, and its type says unused: MainDevices \
+                 leave it off, or enable it for nothing."
+            }
+            Self::GeneralMissing => {
+                "There is no category General: the device has no name, and nothing tells its CoE services."
+            }
+        }
+    }
+
+    /// What to do about it, the most certain first.
+    pub const fn remedies(self) -> &'static [&'static str] {
+        match self {
+            Self::Blank | Self::SyncManagersMissing | Self::MailboxMissing => {
+                &["write the whole image: the maker's description (ESI) has what is missing, and \
+                 `isocat sii --from FILE --type TYPE --out OUT` makes the image of it"]
+            }
+            Self::PdoSyncManager | Self::SyncManagerOff | Self::SyncManagerUntyped => {
+                &["compare with the SyncManagers of the maker's description (ESI), as \
+                 `isocat sii --from FILE --type TYPE` shows them; `--out OUT` writes that image"]
+            }
+            Self::Checksum => &[
+                "correct the checksum, by writing words 0 to 7 anew: `isocat sii --from FILE --out OUT` \
+                 computes it; then switch the device off and on",
+            ],
+            _ => &[
+                "the EEPROM's content, if it is yours: `isocat sii --from FILE --out OUT` writes one; \
+                 a device that runs as it is needs nothing",
+            ],
         }
     }
 }

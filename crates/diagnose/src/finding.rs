@@ -142,6 +142,8 @@ kinds! {
     StayedBelow { status: AlStatus } "stayed-below-op" Fault;
     /// A device refused a state, or went to an error state.
     AlError { asked: Option<AlState>, status: AlStatus, code: Option<AlStatusCode>, came_up: bool } "al-error" Fault;
+    /// The EEPROM of a device acknowledged no read any more, to the end of the capture.
+    EepromSilent { count: u64 } "eeprom-silent" Fault;
     /// A working counter was lower than usual.
     WorkingCounter { which: Which, usual: u16, lowest: u16, frames: u64, missing: Vec<usize> } "working-counter" Fault;
     /// Cycles without a frame, by the stamps of the capture alone.

@@ -170,6 +170,9 @@ fn counters(place: usize, device: &Device, all: &mut Vec<Finding>) {
         let kind = Kind::CountersFromBefore { count };
         all.push(Finding::new(kind, Some(place), first.frame).with(frames));
     }
+    if let Some((count, frame)) = device.sii.silent() {
+        all.push(Finding::new(Kind::EepromSilent { count }, Some(place), frame));
+    }
     if let Some(frame) = device.sii.first_write {
         let kind = Kind::EepromWritten { count: device.sii.writes };
         all.push(Finding::new(kind, Some(place), frame));

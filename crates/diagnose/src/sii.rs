@@ -17,6 +17,12 @@ pub(crate) struct Sii {
     asked: Option<u16>,
     /// Number of bytes that a read returns, by the EEPROM status.
     read_len: usize,
+    /// Whether a read was commanded whose end was not seen yet.
+    reading: bool,
+    /// Number of reads in a row, up to now, that the EEPROM did not acknowledge.
+    unacknowledged: u64,
+    /// Frame of the first one.
+    silent_since: usize,
     /// Number of write commands.
     pub writes: u64,
     /// Frame of the first write command.
@@ -40,6 +46,7 @@ impl Sii {
             self.asked = Some(u16::from_le_bytes([low, high]));
         }
         let Some(command) = part::<2>(first, data, register::EEPROM_STATUS.address) else { return };
+        self.reading = u16::from_le_bytes(command) & EepromStatus::COMMAND == EepromStatus::READ;
         if u16::from_le_bytes(command) & EepromStatus::COMMAND == EepromStatus::WRITE {
             self.writes += 1;
             self.first_write.get_or_insert(frame);
@@ -51,6 +58,9 @@ impl Sii {
         if let Some(status) = part::<2>(first, data, register::EEPROM_STATUS.address) {
             let status = EepromStatus(u16::from_le_bytes(status));
             self.read_len = status.read_len();
+            if self.reading && !status.busy() {
+                self.end_of_read(status, frame);
+            }
             if status.busy() || status.failed() {
                 return;
             }
@@ -66,6 +76,25 @@ impl Sii {
             let value = u16::from_le_bytes([pair[0], pair[1]]);
             self.words.insert(address, Known { value, frame });
         }
+    }
+
+    fn end_of_read(&mut self, status: EepromStatus, frame: usize) {
+        self.reading = false;
+        if !status.no_acknowledge() {
+            self.unacknowledged = 0;
+            return;
+        }
+        if self.unacknowledged == 0 {
+            self.silent_since = frame;
+        }
+        self.unacknowledged += 1;
+    }
+
+    /// Reads up to the end that no EEPROM acknowledged: their number, and the frame of the first. A
+    /// memory that burns what was written to it acknowledges nothing for some milliseconds either.
+    pub fn silent(&self) -> Option<(u64, usize)> {
+        let least = if self.writes == 0 { 1 } else { MOST_WHILE_BURNING + 1 };
+        (self.unacknowledged >= least).then_some((self.unacknowledged, self.silent_since))
     }
 
     /// How many words are known.
@@ -136,5 +165,7 @@ impl Sii {
     }
 }
 
+/// Reads in a row that may come while the memory burns a word: for 10 ms, each millisecond.
+const MOST_WHILE_BURNING: u64 = 10;
 /// Words that are kept of one EEPROM: 8 KiB.
 const MOST_WORDS: u16 = 4096;

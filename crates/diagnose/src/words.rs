@@ -213,6 +213,10 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
         Kind::CountersFromBefore { count } => {
             format!("{subject}: {count} error counters were not zero when they were first read")
         }
+        Kind::EepromSilent { count } => format!(
+            "{subject}: no EEPROM answers: {count} reads in a row without an acknowledge (0x0502 bit 13), the last of the \
+             capture"
+        ),
         Kind::EepromWritten { count } => {
             format!("{subject}: its EEPROM was written, {count} words")
         }
@@ -356,6 +360,10 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         }
         Kind::Emergency { .. } => &["the maker's manual says what the emergency code means"],
         Kind::CountersFromBefore { .. } => &["clear them (write 0x0300) and read them again later"],
+        Kind::EepromSilent { .. } => &[
+            "the EEPROM is missing or dead, or its bus is held low: look at its supply, SCL and SDA on the board",
+            "replace the device, or write the maker's image (`isocat sii --from FILE --type TYPE --out OUT`) to a new EEPROM",
+        ],
         Kind::EepromWritten { .. } => &[],
     };
     own.iter().map(|one| (*one).to_owned()).collect()

@@ -5,12 +5,13 @@
 //! then only the meaning of the AL status code is given. A remedy that is a line of the segment
 //! file says where the line goes.
 
+pub(crate) mod eeprom;
 mod place;
 mod text;
 
 use isocat_descriptions::quantity::time;
 use isocat_maindevice::segment::Timing;
-use isocat_maindevice::{Segment, SegmentChange};
+use isocat_maindevice::{Cause, Segment, SegmentChange};
 use isocat_segment::Scenario;
 use isocat_sim::{Judged, Kind};
 use isocat_sync::budget::{Check, Device, window};
@@ -94,6 +95,7 @@ pub fn diagnose(
             causes: Vec::new(),
             remedies: Vec::new(),
         };
+        case.eeprom(segment);
         // What is seen of a SubDevice while no frame reaches it follows from that.
         if !case.lost() {
             case.lost_pulses();
@@ -225,6 +227,32 @@ impl Case<'_> {
                 .into(),
         );
         true
+    }
+
+    /// Looks for what its EEPROM lacks, where its way up failed.
+    fn eeprom(&mut self, segment: &Segment) {
+        let mut own = self.report.findings.iter().filter(|f| f.position == Some(self.position));
+        let Some(cause) = own.find_map(|finding| eeprom::failure(&finding.kind)) else { return };
+        if let Cause::Sii { problem, .. } = cause
+            && let Some((why, remedies)) = eeprom::unread(*problem)
+        {
+            self.causes.push(why.to_owned());
+            self.remedies.extend(remedies.iter().map(|remedy| (*remedy).to_owned()));
+            return;
+        }
+        let Some(device) = segment.devices.get(self.position) else { return };
+        if !eeprom::can_come_of_it(cause) {
+            return;
+        }
+        for lack in eeprom::of(&device.sii) {
+            self.causes.push(format!("Its EEPROM can't bring a device to OP: {lack}."));
+            for remedy in lack.kind.remedies() {
+                let remedy = format!("The EEPROM: {remedy}.");
+                if !self.remedies.contains(&remedy) {
+                    self.remedies.push(remedy);
+                }
+            }
+        }
     }
 
     /// A line in its table of the segment file.

@@ -165,6 +165,13 @@ impl Eeprom {
         }
     }
 
+    /// Finds no memory at a load: nothing acknowledges, so there is no checksum to be wrong.
+    /// Nothing is loaded.
+    pub fn miss(&mut self) -> bool {
+        self.errors |= EepromStatus::COMMAND_ERROR | EepromStatus::NOT_LOADED;
+        false
+    }
+
     /// Loads the configuration area into 0x0140-0x0152 and 0x0982 if its checksum is right. The
     /// caller loads the alias and the link detection bits, since that happens at power-on only.
     pub fn load(&mut self, image: &[u8], registers: &mut Registers) -> bool {

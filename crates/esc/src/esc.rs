@@ -316,9 +316,11 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// Loads the EEPROM's configuration area into the registers.
     fn load_configuration(&mut self) {
-        let image: &[u8] = if self.eeprom_is_dead { &[] } else { self.image.as_ref() };
         let registers = &mut self.registers;
-        let loaded = self.eeprom.load(image, registers);
+        let loaded = match self.eeprom_is_dead {
+            true => self.eeprom.miss(),
+            false => self.eeprom.load(self.image.as_ref(), registers),
+        };
         dl::set_status(registers, DlStatus::PDI_OPERATIONAL, loaded);
         if registers.load(register::PDI_CONTROL) == PDI_DIGITAL_IO {
             dl::set_status(registers, DlStatus::PDI_WATCHDOG, true);

@@ -10,6 +10,7 @@ use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
 use isocat_wire::command::Command;
 use isocat_wire::datagram::Address;
 use isocat_wire::dc::ActivationStatus;
+use isocat_wire::eeprom::EepromStatus;
 use isocat_wire::mailbox::{ErrorDetail, Protocol};
 use isocat_wire::sii::MailboxArea;
 use isocat_wire::soe::{self, Idn};
@@ -312,8 +313,14 @@ pub enum RingProblem {
 pub enum SiiProblem {
     /// The EEPROM interface stayed busy.
     Busy,
+    /// No access was acknowledged, up to the timeout: no EEPROM answers; register 0x0502.
+    NoAcknowledge(u16),
+    /// INIT was not confirmed, and the ESC did not load its EEPROM; register 0x0502.
+    NotLoaded(u16),
     /// The EEPROM interface reports an error; register 0x0502.
     Status(u16),
+    /// All bytes that were read have this value: nothing was ever written to the EEPROM.
+    Blank(u8),
     /// No end mark within the largest size.
     NoEnd,
     /// Not read to its end in this time, although each access was answered.
@@ -727,7 +734,30 @@ impl fmt::Display for SiiProblem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             SiiProblem::Busy => f.write_str("SII EEPROM stays busy (0x0502 bit 15)"),
+            SiiProblem::NoAcknowledge(status) => write!(
+                f,
+                "no EEPROM answers (0x0502 = {status:#06x}, bit 13: no acknowledge); it is missing or dead, or its bus is \
+                 held low"
+            ),
+            SiiProblem::NotLoaded(status) => {
+                let why = match EepromStatus(*status) {
+                    found if found.no_acknowledge() => "bit 13: no EEPROM answers",
+                    found if found.0 & EepromStatus::CHECKSUM_ERROR != 0 => {
+                        "bit 11: wrong checksum, as of a blank one"
+                    }
+                    _ => "bit 12: not loaded",
+                };
+                write!(
+                    f,
+                    "its ESC did not load the EEPROM (0x0502 = {status:#06x}, {why}), so nothing behind it takes the request \
+                     of INIT"
+                )
+            }
             SiiProblem::Status(status) => write!(f, "SII EEPROM error, 0x0502 = {status:#06x}"),
+            SiiProblem::Blank(byte) => write!(
+                f,
+                "the EEPROM is blank, {byte:#04x} in each byte that was read; expected an SII, nothing was ever written"
+            ),
             SiiProblem::NoEnd => f.write_str("SII has no end mark 0xFFFF"),
             SiiProblem::Slow { after } => {
                 write!(f, "SII not read within {after}: each access is answered, but late (0x0502)")

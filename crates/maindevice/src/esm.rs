@@ -1,11 +1,12 @@
 //! State changes: request, acknowledge, poll, and the AL status code of a refusal.
 
 use isocat_wire::al::{AlControl, AlState, AlStatus, AlStatusCode};
+use isocat_wire::eeprom::EepromStatus;
 use isocat_wire::register::{self, Value};
 use isocat_wire::time::Nanos;
 use isocat_wire::{Command, StationAddress};
 
-use crate::error::{AccessError, AccessProblem, Cause};
+use crate::error::{AccessError, AccessProblem, Cause, SiiProblem};
 use crate::event::Event;
 use crate::link::Link;
 use crate::segment::SubDevice;
@@ -53,6 +54,27 @@ pub(crate) async fn change(
         }
         link.sleep(interval).await;
         interval = Nanos((interval.0 * 2).min(POLL_LAST.0));
+    }
+}
+
+/// Takes a SubDevice to INIT. Without its configuration an ESC has no PDI, so nobody behind it
+/// reads a request: then the EEPROM is the cause.
+pub(crate) async fn to_init(
+    link: &Link,
+    device: &mut SubDevice,
+    patience: Nanos,
+) -> Result<(), Cause> {
+    let result = change(link, device, AlState::Init, patience).await;
+    if !matches!(result, Err(Cause::StateTimeout { .. })) {
+        return result;
+    }
+    let status = link.try_read(device.station, register::EEPROM_STATUS).await?;
+    match status.filter(|status| status.0 & EepromStatus::NOT_LOADED != 0) {
+        Some(EepromStatus(status)) => {
+            let problem = SiiProblem::NotLoaded(status);
+            Err(Cause::Sii { place: device.place(), problem })
+        }
+        None => result,
     }
 }
 

@@ -354,6 +354,7 @@ mod tests {
             SmRecord::parse(&[low, high, 0, 0, 0x20, 0, enable, kind])
         };
         let pdo = |sm, bits| SiiPdo {
+            word: 0,
             record: PdoRecord {
                 index: 0x1A00 + u16::from(sm),
                 entries: 1,

@@ -155,7 +155,7 @@ async fn identify(
         read?;
         scan::reset_one(link, found.station).await?;
         scan::describe(link, &mut found).await?;
-        esm::change(link, &mut found, AlState::Init, config.timeouts.init).await?;
+        esm::to_init(link, &mut found, config.timeouts.init).await?;
         if found.dc != planned.dc {
             let (place, planned, found) = (planned.place(), planned.dc, found.dc);
             return Err(Cause::Clock { place, planned, found });

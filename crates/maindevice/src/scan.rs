@@ -35,7 +35,7 @@ pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) ->
             .map(|device| -> Procedure<_> {
                 Box::pin(async move {
                     describe(link, device).await?;
-                    esm::change(link, device, AlState::Init, init).await
+                    esm::to_init(link, device, init).await
                 })
             })
             .collect(),

@@ -291,11 +291,19 @@ pub struct Sii {
     pub tx_pdos: Vec<SiiPdo>,
     /// DC operation modes.
     pub operation_modes: Vec<OperationMode>,
+    /// Whether there is a category General.
+    pub has_general: bool,
+    /// Word of the first SyncManager; `None` without their category.
+    pub sync_managers_at: Option<usize>,
+    /// Word at which the categories end, or as far as they could be read; 0 if they were not read.
+    pub end: usize,
 }
 
 /// One PDO of the SII.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SiiPdo {
+    /// Word of its head.
+    pub word: usize,
     /// Its head.
     pub record: PdoRecord,
     /// Its entries.

@@ -154,9 +154,11 @@ pub(crate) async fn read_start(
         // Size and version, and what kind of category comes first and how long it is.
         reader.words(usize::from(word::CATEGORIES) - 2, 4).await
     };
-    match result.await {
-        Ok(end) => Ok(Start { image: reader.image, end }),
-        Err(failure) => Err(failure.of(device)),
+    let end = result.await.map_err(|failure| failure.of(device))?;
+    let start = Start { image: reader.image, end };
+    match start.blank() {
+        Some(byte) => Err(Failure::Problem(SiiProblem::Blank(byte)).of(device)),
+        None => Ok(start),
     }
 }
 
@@ -257,18 +259,19 @@ impl Identity {
 }
 
 impl Sii {
-    /// Takes the data of a category. Unused categories, and those with names of strings, are left
-    /// out.
-    pub fn take(&mut self, kind: u16, data: &[u8]) {
+    /// Takes the data of a category, which begin at word `at`. Unused categories, and those with
+    /// names of strings, are left out.
+    pub fn take(&mut self, kind: u16, at: usize, data: &[u8]) {
         match kind {
             category::FMMU => self.fmmus = data.to_vec(),
             category::SYNC_MANAGER => {
+                self.sync_managers_at = Some(at);
                 let records = data.chunks_exact(SmRecord::LEN);
                 self.sync_managers =
                     records.filter_map(|r| r.first_chunk()).map(SmRecord::parse).collect();
             }
-            category::RX_PDO => self.rx_pdos.extend(pdos(data)),
-            category::TX_PDO => self.tx_pdos.extend(pdos(data)),
+            category::RX_PDO => self.rx_pdos.extend(pdos(at, data)),
+            category::TX_PDO => self.tx_pdos.extend(pdos(at, data)),
             category::DC => {
                 let modes = data.chunks_exact(OPERATION_MODE_LEN);
                 self.operation_modes = modes.filter_map(operation_mode).collect();
@@ -301,6 +304,12 @@ impl Start {
         let own = [ALIAS_WORD, CHECKSUM_WORD, SERIAL_WORD, SERIAL_WORD + 1];
         let mut shared = (0..START_WORDS).filter(|at| !own.contains(at));
         identified && checked && self.end == other.end && shared.all(same)
+    }
+
+    /// The value of all bytes, if nothing was ever written to this EEPROM.
+    fn blank(&self) -> Option<u8> {
+        let end = sii::blank(&self.end)?;
+        sii::blank(&self.image).filter(|byte| *byte == end)
     }
 
     fn padded(&self) -> Vec<u8> {
@@ -372,6 +381,7 @@ impl<'a> Reader<'a> {
     ) -> Result<(), Failure> {
         let mut at = usize::from(word::CATEGORIES);
         for _ in 0..MOST_CATEGORIES {
+            sii.end = at;
             if at >= MOST_WORDS {
                 break;
             }
@@ -393,11 +403,12 @@ impl<'a> Reader<'a> {
             match kind {
                 category::STRINGS => *strings = data,
                 category::GENERAL => {
+                    sii.has_general = true;
                     *order = data.get(2).copied().unwrap_or(0);
                     *name = data.get(3).copied().unwrap_or(0);
                     sii.coe_details = data.get(5).copied().unwrap_or(0);
                 }
-                _ => sii.take(kind, &data),
+                _ => sii.take(kind, start, &data),
             }
         }
         Err(Failure::Problem(SiiProblem::NoEnd))
@@ -428,6 +439,8 @@ impl<'a> Reader<'a> {
         }
         let end = self.link.now() + self.patience;
         let address = register::EEPROM_STATUS.address;
+        // The last status with an error: an EEPROM that does not acknowledge is not busy.
+        let mut refused = None;
         loop {
             self.link.fpwr(self.station, address, &read_command(word as u32)).expect(1).await?;
             let mut status;
@@ -438,16 +451,19 @@ impl<'a> Reader<'a> {
                 if !status.busy() && !status.failed() {
                     return Ok(reply.data[6..6 + status.read_len()].to_vec());
                 }
+                if !status.busy() {
+                    refused = Some(status);
+                }
                 if !status.busy() || self.link.now() >= end {
                     break;
                 }
                 self.link.sleep(POLL).await;
             }
             if self.link.now() >= end {
-                return Err(Failure::Problem(if status.busy() {
-                    SiiProblem::Busy
-                } else {
-                    SiiProblem::Status(status.0)
+                return Err(Failure::Problem(match refused {
+                    Some(status) if status.no_acknowledge() => SiiProblem::NoAcknowledge(status.0),
+                    Some(status) => SiiProblem::Status(status.0),
+                    None => SiiProblem::Busy,
                 }));
             }
             // Missing acknowledge: an EEPROM still busy with a write. Clear and try again.
@@ -457,17 +473,21 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// PDOs of a category, each head with its entries; an incomplete PDO at the end is dropped.
-fn pdos(data: &[u8]) -> Vec<SiiPdo> {
+/// PDOs of a category whose data begin at word `at`, each head with its entries; an incomplete PDO
+/// at the end is dropped.
+fn pdos(at: usize, data: &[u8]) -> Vec<SiiPdo> {
     let mut pdos = Vec::new();
     let mut records = data.chunks_exact(PdoRecord::LEN).filter_map(|r| r.first_chunk());
+    let mut word = at;
     while let Some(head) = records.next() {
         let record = PdoRecord::parse(head);
         let entries: Vec<_> =
             records.by_ref().take(usize::from(record.entries)).map(PdoEntryRecord::parse).collect();
+        let words = (1 + entries.len()) * PdoRecord::LEN / 2;
         if entries.len() == usize::from(record.entries) {
-            pdos.push(SiiPdo { record, entries });
+            pdos.push(SiiPdo { word, record, entries });
         }
+        word += words;
     }
     pdos
 }

@@ -12,7 +12,6 @@ use alloc::vec::Vec;
 
 use core::sync::atomic::AtomicBool;
 
-use isocat_wire::al::AlState;
 use isocat_wire::register::{self, Register, Value};
 
 use crate::bring_up::{self, End, Work};
@@ -107,7 +106,7 @@ async fn describe(link: &Link, config: &Config, device: &mut SubDevice) -> Resul
     device.observed.alias = link.try_read(station, register::STATION_ALIAS).await?;
     device.observed.pdi = link.try_read(station, register::PDI_CONTROL).await?;
     device.observed.sync_latch = link.try_read(station, register::SYNC_LATCH_CONFIGURATION).await?;
-    esm::change(link, device, AlState::Init, config.timeouts.init).await
+    esm::to_init(link, device, config.timeouts.init).await
 }
 
 /// Reads process data and sync objects from the device if it is asked, otherwise from its SII.

@@ -128,10 +128,12 @@ fn subdevice(position: usize, file: &segment_file::SubDevice) -> SubDevice {
         ..Sii::default()
     };
     let used = [category::SYNC_MANAGER, category::RX_PDO, category::TX_PDO];
+    let mut at = usize::from(sii::word::CATEGORIES);
     for found in sii::categories(&profile.sii).flatten() {
         if used.contains(&found.kind) {
-            device.sii.take(found.kind, found.data);
+            device.sii.take(found.kind, at + 2, found.data);
         }
+        at += 2 + found.data.len() / 2;
     }
     let outputs = &profile.assignment.outputs;
     let inputs = &profile.assignment.inputs;

@@ -43,6 +43,11 @@ impl EepromStatus {
     pub const fn read_len(self) -> usize {
         if self.0 & Self::READS_8_BYTES != 0 { 8 } else { 4 }
     }
+    /// The EEPROM did not acknowledge the last command (or the command was invalid). Where the PDI
+    /// emulates it, its program reports an error of its own by that bit.
+    pub const fn no_acknowledge(self) -> bool {
+        self.0 & (Self::COMMAND_ERROR | Self::EMULATED) == Self::COMMAND_ERROR
+    }
     /// The last command failed.
     pub const fn failed(self) -> bool {
         self.0 & (Self::COMMAND_ERROR | Self::WRITE_ENABLE_ERROR) != 0
@@ -65,6 +70,8 @@ mod tests {
         assert_eq!(read_command(8), [0x00, 0x01, 0x08, 0x00, 0x00, 0x00]);
         assert!(EepromStatus(0x8140).busy() && EepromStatus(0x8140).read_len() == 8);
         assert!(!EepromStatus(0x0040).busy());
-        assert!(EepromStatus(0x2040).failed());
+        assert!(EepromStatus(0x2040).failed() && EepromStatus(0x2040).no_acknowledge());
+        assert!(EepromStatus(0x2020).failed() && !EepromStatus(0x2020).no_acknowledge());
+        assert!(EepromStatus(0x4040).failed() && !EepromStatus(0x4040).no_acknowledge());
     }
 }

@@ -72,6 +72,13 @@ pub const fn checksum(configuration: &[u8; 14]) -> u8 {
     crc
 }
 
+/// The one value of all bytes, if nothing was ever written: 0xFF as in an erased chip, or 0x00.
+/// `None` for an image with content, and for no bytes.
+pub fn blank(bytes: &[u8]) -> Option<u8> {
+    let first = *bytes.first()?;
+    (matches!(first, 0x00 | 0xFF) && bytes.iter().all(|byte| *byte == first)).then_some(first)
+}
+
 /// A mailbox area.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct MailboxArea {
@@ -113,6 +120,14 @@ impl Header {
     pub const COE: u16 = 1 << 2;
     /// Protocol bit of SoE.
     pub const SOE: u16 = 1 << 4;
+    /// Bit of register 0x0141, the high byte of word 0: the ESC answers state requests by itself,
+    /// without a CPU.
+    pub const DEVICE_EMULATION: u8 = 0x01;
+
+    /// Whether the ESC answers state requests by itself, without a CPU that checks anything.
+    pub const fn emulates(&self) -> bool {
+        self.configuration[1] & Self::DEVICE_EMULATION != 0
+    }
 
     /// Reads the header; `None` if the image is shorter. The checksum is not checked here, since
     /// the ESC does so.
@@ -427,6 +442,14 @@ mod tests {
         };
         assert_eq!(checksum(&bytes(&[0x80, 0x06, 0x00, 0x44, 0x64])), 0xF3);
         assert_eq!(checksum(&bytes(&[0x05, 0x0E, 0x03, 0x06, 0x10, 0x27])), 0xD7);
+    }
+
+    #[test]
+    fn a_blank_image_has_one_value() {
+        assert_eq!([blank(&[0xFF; 4]), blank(&[0; 4])], [Some(0xFF), Some(0)]);
+        for content in [&[0xFF, 0xFF, 0xFF, 0x00][..], &[0, 0, 0, 1], &[0x5A; 4], &[]] {
+            assert_eq!(blank(content), None, "{content:?}");
+        }
     }
 
     #[test]

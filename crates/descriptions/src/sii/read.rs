@@ -1,12 +1,13 @@
 //! From an image to an [`Sii`], with every doubt.
 
 use isocat_wire::sii::{
-    HEADER_LEN, Header, MailboxArea, PdoEntryRecord, PdoRecord, SmRecord, categories, category,
-    checksum, sm_type, word,
+    HEADER_LEN, Header, PdoEntryRecord, PdoRecord, SmRecord, blank, categories, category, checksum,
+    sm_type, word,
 };
 
 use super::{
-    Doubt, DoubtKind, General, OtherCategory, Sii, SiiEntry, SiiFile, SiiOpMode, SiiPdo, hex,
+    Assigned, Content, Doubt, DoubtKind, General, OtherCategory, Sii, SiiEntry, SiiFile, SiiOpMode,
+    SiiPdo, hex, lacks,
 };
 use crate::document::{FileError, Wrong};
 use crate::limits;
@@ -42,9 +43,16 @@ impl SiiFile {
             }));
         };
         let mut reader = Reader { sii: Sii { header, ..Sii::default() }, ..Reader::default() };
+        // Of an EEPROM that nobody wrote no other doubt says more.
+        if let Some(byte) = blank(&image[..HEADER_LEN]) {
+            reader.blank(byte);
+            let Reader { sii, doubts, .. } = reader;
+            return Ok(Self { path: path.to_owned(), image, sii, used: 0, doubts });
+        }
         reader.header(&image);
         let used = reader.categories(&image);
-        reader.contradictions();
+        reader.types();
+        reader.lacks();
         let Reader { sii, mut doubts, .. } = reader;
         doubts.sort_by_cached_key(|doubt| doubt.word as u64);
         Ok(Self { path: path.to_owned(), image, sii, used, doubts })
@@ -58,9 +66,11 @@ struct Reader {
     strings: Vec<String>,
     doubts: Vec<Doubt>,
     /// Word of the SyncManagers.
-    sync_managers_at: usize,
-    /// Words of the PDOs that are assigned to a SyncManager, with its number.
-    assigned: Vec<(usize, u8)>,
+    sync_managers_at: Option<usize>,
+    /// PDOs that are assigned to a SyncManager.
+    assigned: Vec<Assigned>,
+    /// Word at which the categories end.
+    end: usize,
 }
 
 impl Reader {
@@ -75,8 +85,15 @@ impl Reader {
         // every few bytes.
         if self.doubts.len() < MOST_DOUBTS {
             let (expected, found) = (expected.into(), found.into());
-            self.doubts.push(Doubt { kind, word, expected, found });
+            // The ESC loads nothing then, and its process RAM stays closed.
+            let keeps_from_op = matches!(kind, DoubtKind::Checksum | DoubtKind::Blank);
+            self.doubts.push(Doubt { kind, word, expected, found, keeps_from_op });
         }
+    }
+
+    fn blank(&mut self, byte: u8) {
+        let found = format!("0x{byte:02X} in each byte of the header: never written");
+        self.doubt(DoubtKind::Blank, 0, "the content of an EEPROM", found);
     }
 
     fn header(&mut self, image: &[u8]) {
@@ -142,6 +159,7 @@ impl Reader {
                 }
             }
         }
+        self.end = at;
         let strings = all.iter().filter(|(_, kind, _)| *kind == category::STRINGS);
         if let Some((at, _, data)) = strings.clone().next() {
             self.strings(*at, data);
@@ -237,17 +255,17 @@ impl Reader {
             category::GENERAL => self.general(at, data),
             category::FMMU => self.fmmus(at, data),
             category::SYNC_MANAGER => {
-                self.sync_managers_at = at;
+                self.sync_managers_at = Some(at);
                 self.whole_records(at, data, SmRecord::LEN);
                 let records = data.chunks_exact(SmRecord::LEN).filter_map(<[u8]>::first_chunk);
                 self.sii.sync_managers = records.map(SmRecord::parse).collect();
             }
             category::TX_PDO => {
-                let mut pdos = self.pdos(at, data);
+                let mut pdos = self.pdos(at, data, true);
                 self.sii.inputs.append(&mut pdos);
             }
             category::RX_PDO => {
-                let mut pdos = self.pdos(at, data);
+                let mut pdos = self.pdos(at, data, false);
                 self.sii.outputs.append(&mut pdos);
             }
             category::DC => self.op_modes(at, data),
@@ -300,7 +318,7 @@ impl Reader {
         self.sii.fmmus = data.to_vec();
     }
 
-    fn pdos(&mut self, at: usize, data: &[u8]) -> Vec<SiiPdo> {
+    fn pdos(&mut self, at: usize, data: &[u8], inputs: bool) -> Vec<SiiPdo> {
         self.whole_records(at, data, PdoRecord::LEN);
         let mut pdos = Vec::new();
         let words = PdoRecord::LEN / 2;
@@ -326,7 +344,13 @@ impl Reader {
                 self.doubt(DoubtKind::PdoCut, here, expected, format!("{}", entries.len()));
             }
             let sync_manager = (record.sm != NO_SYNC_MANAGER).then_some(record.sm);
-            self.assigned.extend(sync_manager.map(|number| (here + 1, number)));
+            let (index, word) = (record.index, here + 1);
+            self.assigned.extend(sync_manager.map(|sync_manager| Assigned {
+                index,
+                inputs,
+                sync_manager,
+                word,
+            }));
             pdos.push(SiiPdo {
                 index: record.index,
                 sync_manager,
@@ -350,48 +374,33 @@ impl Reader {
         }
     }
 
-    /// Checks contradictions between the parts.
-    fn contradictions(&mut self) {
-        let header = self.sii.header;
-        let count = self.sii.sync_managers.len();
-        for (word, number) in std::mem::take(&mut self.assigned) {
-            if usize::from(number) >= count {
-                let expected = format!("one of {count} SyncManagers, or 255");
-                self.doubt(DoubtKind::PdoSyncManager, word, expected, format!("{number}"));
-            }
-        }
+    fn types(&mut self) {
+        let first = self.sync_managers_at.unwrap_or(self.end);
         for (number, record) in self.sii.sync_managers.clone().into_iter().enumerate() {
-            let at = self.sync_managers_at + number * SmRecord::LEN / 2;
             if record.kind > sm_type::INPUTS {
                 let found = format!("{} for SyncManager {number}", record.kind);
-                self.doubt(DoubtKind::SyncManagerType, at + 3, "0 to 4", found);
+                let at = first + number * SmRecord::LEN / 2 + 3;
+                self.doubt(DoubtKind::SyncManagerType, at, "0 to 4", found);
             }
-            let area = match record.kind {
-                sm_type::MAILBOX_OUT => header.receive,
-                sm_type::MAILBOX_IN => header.send,
-                _ => continue,
-            };
-            let found = MailboxArea { start: record.start, length: record.length };
-            if found != area {
-                self.doubt(DoubtKind::MailboxArea, at, area_words(area), area_words(found));
-            }
-        }
-        let has_mailbox = header.receive.length > 0 || header.send.length > 0;
-        let (at, found) = (word::MAILBOX_PROTOCOLS.into(), format!("{:#06x}", header.protocols));
-        match (has_mailbox, header.protocols != 0) {
-            (true, false) => {
-                self.doubt(DoubtKind::MailboxProtocols, at, "protocols of the mailbox", found);
-            }
-            (false, true) => {
-                self.doubt(DoubtKind::MailboxProtocols, at, "0, since there is no mailbox", found);
-            }
-            _ => {}
         }
     }
-}
 
-fn area_words(area: MailboxArea) -> String {
-    format!("{} bytes at 0x{:04X}", area.length, area.start)
+    /// Adds what the content lacks as a whole.
+    fn lacks(&mut self) {
+        let mut found = lacks(&Content {
+            header: &self.sii.header,
+            has_general: self.sii.general.is_some(),
+            sync_managers: &self.sii.sync_managers,
+            sync_managers_at: self.sync_managers_at,
+            pdos: self.sii.inputs.len() + self.sii.outputs.len(),
+            assigned: &self.assigned,
+            end: self.end,
+        });
+        // What keeps from OP is told even if everything else is broken as well.
+        found.truncate(MOST_DOUBTS);
+        self.doubts.truncate(MOST_DOUBTS - found.len());
+        self.doubts.append(&mut found);
+    }
 }
 
 /// A checksum that switches the check off.

@@ -78,7 +78,7 @@ pub struct Report {
     pub op_modes: Vec<OpMode>,
     /// Categories that are kept unchanged.
     pub other_categories: Vec<Category>,
-    /// Contradictions to the standard or within the image.
+    /// Contradictions to the standard or within the image, and what it lacks.
     pub doubts: Vec<DoubtReport>,
 }
 
@@ -194,6 +194,10 @@ pub struct DoubtReport {
     pub expected: String,
     /// The found value.
     pub found: String,
+    /// Whether it keeps a device with this EEPROM from OP.
+    pub keeps_from_op: bool,
+    /// What to do about it, the most certain first.
+    pub remedies: &'static [&'static str],
 }
 
 impl SiiFile {
@@ -220,7 +224,7 @@ impl SiiFile {
             configuration: hex(words),
             alias: u16::from_le_bytes([words[8], words[9]]),
             sync_unit: words[1] & SYNC_UNIT != 0,
-            device_emulation: words[1] & DEVICE_EMULATION != 0,
+            device_emulation: header.emulates(),
             pulse_ns: u32::from(u16::from_le_bytes([words[4], words[5]])) * TICK_NS,
             mailbox: mailbox(header.receive, header.send),
             boot_mailbox: mailbox(header.boot_receive, header.boot_send),
@@ -312,8 +316,9 @@ fn op_mode(mode: &SiiOpMode) -> OpMode {
 }
 
 fn doubt(doubt: &Doubt) -> DoubtReport {
-    let Doubt { kind, word, expected, found } = doubt.clone();
-    DoubtReport { kind: kind.name(), word, expected, found }
+    let Doubt { kind, word, expected, found, keeps_from_op } = doubt.clone();
+    let remedies = kind.remedies();
+    DoubtReport { kind: kind.name(), word, expected, found, keeps_from_op, remedies }
 }
 
 /// The names of the bits that are set.
@@ -337,8 +342,7 @@ const COE_DETAILS: [&str; 6] = [
     "upload-at-start",
     "complete-access",
 ];
-/// Bits of register 0x0141, the high byte of word 0.
-const DEVICE_EMULATION: u8 = 0x01;
+/// A bit of register 0x0141, the high byte of word 0.
 const SYNC_UNIT: u8 = 0x04;
 /// A unit of word 2.
 const TICK_NS: u32 = 10;

@@ -49,10 +49,12 @@ fn sample() -> Sii {
         sync_managers: vec![
             sm(receive, 0x26, sm_type::MAILBOX_OUT),
             sm(send, 0x22, sm_type::MAILBOX_IN),
+            sm(MailboxArea { start: 0x1100, length: 2 }, 0x64, sm_type::OUTPUTS),
+            sm(MailboxArea { start: 0x1180, length: 2 }, 0x20, sm_type::INPUTS),
         ],
         inputs: vec![SiiPdo {
             index: 0x1A00,
-            sync_manager: Some(1),
+            sync_manager: Some(3),
             name: "Inputs".to_owned(),
             flags: SiiPdo::FIXED,
             entries: vec![entry(0x6000, "Value"), entry(0, "")],
@@ -119,10 +121,12 @@ fn each_doubt_has_its_word() {
     assert_eq!(broken(fmmu + 1, 4), [("fmmu-use", fmmu / 2)]);
     assert_eq!(broken(fmmu + 1, 3), []);
     let sm = place(&good, 41);
-    assert_eq!(broken(sm + 15, 5), [("sync-manager-type", sm / 2 + 7)]);
+    assert_eq!(broken(sm + 23, 5), [("sync-manager-type", sm / 2 + 11)]);
     let pdo = place(&good, 50);
-    assert_eq!(broken(pdo + 3, 2), [("pdo-sync-manager", pdo / 2 + 1)]);
-    assert_eq!(broken(pdo + 3, 0), []);
+    assert_eq!(broken(pdo + 3, 4), [("pdo-sync-manager", pdo / 2 + 1)]);
+    assert_eq!(broken(pdo + 3, 1), [("pdo-sync-manager", pdo / 2 + 1)]);
+    assert_eq!(broken(pdo + 3, 2), []);
+    assert_eq!(broken(pdo + 3, 0xFF), []);
     assert_eq!(broken(pdo + 2, 3), [("pdo-cut", pdo / 2)]);
     assert_eq!(broken(pdo + 5, 99), [("string-missing", pdo / 2 + 2)]);
     let strings = place(&good, 10);
@@ -146,12 +150,158 @@ fn an_image_without_its_end_is_read_as_far_as_it_goes() {
     assert_eq!(kinds(&image[..used - 2]), ["size", "end-mark"]);
     assert_eq!(kinds(&image[..used - 1]), ["size", "half-word", "end-mark"]);
     assert_eq!(kinds(&image[..used - 4]), ["size", "category-cut"]);
-    assert_eq!(kinds(&image[..0x80]), ["size", "end-mark"]);
+    let nothing = ["size", "end-mark", "sync-managers-missing", "general-missing"];
+    assert_eq!(kinds(&image[..0x80]), nothing);
     let error = SiiFile::from_bytes("a.bin", &image[..0x7F]).expect_err("too short");
     assert_eq!(
         error.to_string(),
         "a.bin: word 0x003f: the image ends; expected a header of 64 words, found 127 bytes"
     );
+}
+
+/// Names of doubts, each with its word.
+type Told = Vec<(&'static str, usize)>;
+
+/// What keeps from OP, and lesser doubts.
+fn judged(sii: &Sii) -> (Told, Told) {
+    let file = read(&sii.image(0, Names::All).expect("short"));
+    let told = |keeps: bool| {
+        let doubts = file.doubts.iter().filter(move |doubt| doubt.keeps_from_op == keeps);
+        doubts.map(|doubt| (doubt.kind.name(), doubt.word)).collect()
+    };
+    (told(true), told(false))
+}
+
+/// A device without a mailbox whose ESC has a CPU.
+fn without_mailbox() -> Sii {
+    let mut sii = sample();
+    sii.header.protocols = 0;
+    (sii.header.receive, sii.header.send) = Default::default();
+    sii.sync_managers.drain(..2);
+    sii.inputs[0].sync_manager = Some(1);
+    sii
+}
+
+const NONE: (Told, Told) = (Vec::new(), Vec::new());
+
+#[test]
+fn without_sync_managers_there_is_no_way_to_op() {
+    let lack = |sii: &Sii| judged(sii).0.into_iter().map(|(kind, _)| kind).collect::<Vec<_>>();
+    let mut sii = sample();
+    sii.sync_managers.clear();
+    assert_eq!(lack(&sii), ["sync-managers-missing"]);
+    sii.inputs.clear();
+    assert_eq!(lack(&sii), ["sync-managers-missing"], "the mailbox needs its own");
+    let mut sii = without_mailbox();
+    sii.sync_managers.clear();
+    assert_eq!(lack(&sii), ["sync-managers-missing"], "the PDOs need theirs");
+    // A coupler has neither.
+    sii.inputs.clear();
+    assert_eq!(judged(&sii), NONE);
+    // The word is the one at which the categories end.
+    sii.general = None;
+    sii.header.protocols = Header::COE;
+    (sii.header.receive, sii.header.send) = (sample().header.receive, sample().header.send);
+    let image = sii.image(0, Names::All).expect("short");
+    let file = read(&image);
+    let missing = file.doubts.iter().find(|doubt| doubt.kind == DoubtKind::SyncManagersMissing);
+    assert_eq!(missing.map(|doubt| 2 * doubt.word), Some(file.used - 2), "{:?}", file.doubts);
+}
+
+#[test]
+fn protocols_need_a_mailbox() {
+    let mut sii = sample();
+    sii.header.send.length = 0;
+    let at = place(&sii.image(0, Names::All).expect("short"), 41) / 2 + 4;
+    assert_eq!(judged(&sii), (vec![("mailbox-missing", 0x1A)], vec![("mailbox-area", at)]));
+    sii.header.send = MailboxArea { start: 0, length: 128 };
+    assert_eq!(judged(&sii).0, [("mailbox-missing", 0x1A)]);
+    sii.header.receive = MailboxArea::default();
+    assert_eq!(judged(&sii).0, [("mailbox-missing", 0x18)]);
+    // The other way round: the header has it, its SyncManager does not.
+    let mut sii = sample();
+    sii.sync_managers[1].length = 0;
+    assert_eq!(judged(&sii), (vec![("mailbox-area", at)], vec![]));
+    sii.sync_managers[1].length = 127;
+    assert_eq!(judged(&sii), (vec![], vec![("mailbox-area", at)]));
+    // No mailbox and no protocols is right; without a CPU nobody misses a mailbox.
+    let mut sii = without_mailbox();
+    assert_eq!(judged(&sii), NONE);
+    sii.header.protocols = Header::COE;
+    assert_eq!(judged(&sii).0, [("mailbox-missing", 0x18)]);
+    sii.header.configuration[1] |= Header::DEVICE_EMULATION;
+    assert_eq!(judged(&sii), (vec![], vec![("mailbox-protocols", 0x1C)]));
+}
+
+#[test]
+fn a_pdo_needs_a_sync_manager_for_process_data() {
+    for number in [0, 4] {
+        let mut sii = without_mailbox();
+        sii.sync_managers[0].kind = sm_type::UNUSED;
+        sii.inputs[0].sync_manager = Some(number);
+        let at = place(&sii.image(0, Names::All).expect("short"), 50) / 2 + 1;
+        assert_eq!(judged(&sii).0, [("pdo-sync-manager", at)], "{number}");
+        // Objects of a device with CoE tell its assignment, too.
+        let mut sii = sample();
+        sii.inputs[0].sync_manager = Some(number);
+        assert_eq!(judged(&sii), (vec![], vec![("pdo-sync-manager", at + 8)]), "{number}");
+    }
+    // A window on registers is mapped by an FMMU alone.
+    let mut sii = without_mailbox();
+    (sii.sync_managers[0].kind, sii.sync_managers[0].enable) = (sm_type::UNUSED, SmRecord::VIRTUAL);
+    sii.inputs[0].sync_manager = Some(0);
+    assert_eq!(judged(&sii), NONE);
+}
+
+/// What makers leave to the MainDevice: the length (AKD, EL2004), enabling with the PDOs (UR20), a
+/// direction without PDOs (EL5001), SyncManagers in OP only (EL2004), ESCs without a CPU (EL1004).
+#[test]
+fn lengths_and_flags_may_be_the_maindevices() {
+    let with = |change: fn(&mut Sii)| {
+        let mut sii = sample();
+        change(&mut sii);
+        let at = place(&sii.image(0, Names::All).expect("short"), 41) / 2;
+        (judged(&sii), at)
+    };
+    let all_right: [fn(&mut Sii); 6] = [
+        |sii| sii.sync_managers[3].length = 0,
+        |sii| (sii.sync_managers[3].length, sii.sync_managers[3].enable) = (0, 0),
+        |sii| sii.sync_managers[2].length = 0,
+        |sii| sii.sync_managers[3].enable = SmRecord::OP_ONLY | SmRecord::ENABLED,
+        |sii| {
+            sii.sync_managers[3].enable = 0;
+            sii.header.configuration[1] |= Header::DEVICE_EMULATION;
+        },
+        |sii| (sii.sync_managers[2].kind, sii.sync_managers[2].enable) = (sm_type::UNUSED, 0),
+    ];
+    for (number, change) in all_right.into_iter().enumerate() {
+        assert_eq!(with(change).0, NONE, "{number}");
+    }
+    let (found, at) = with(|sii| sii.sync_managers[3].enable = 0);
+    assert_eq!(found, (vec![], vec![("sync-manager-off", at + 15)]));
+    let (found, at) = with(|sii| sii.sync_managers[2].kind = sm_type::UNUSED);
+    assert_eq!(found, (vec![], vec![("sync-manager-untyped", at + 11)]));
+}
+
+#[test]
+fn a_blank_image_has_no_other_doubt() {
+    for byte in [0x00, 0xFF] {
+        let file = read(&[byte; 2_048]);
+        let doubts = file.doubts.iter().map(|doubt| (doubt.kind, doubt.word, doubt.keeps_from_op));
+        assert_eq!(doubts.collect::<Vec<_>>(), [(DoubtKind::Blank, 0, true)]);
+        assert!(file.text().contains("never written"), "{}", file.text());
+    }
+    let mut image = [0xFF; 2_048];
+    image[0x10] = 0;
+    assert!(!kinds(&image).contains(&"blank"));
+}
+
+#[test]
+fn a_device_without_a_name_comes_to_op() {
+    let mut sii = sample();
+    sii.general = None;
+    let (keeps, lesser) = judged(&sii);
+    assert_eq!((keeps, lesser[0].0), (vec![], "general-missing"));
 }
 
 #[test]
@@ -169,7 +319,8 @@ fn what_is_written_twice_counts_once() {
 fn empty_categories_end() {
     let mut image = sample().image(65_536, Names::All).expect("short");
     image[0x80..].fill(0);
-    assert_eq!(kinds(&image), ["many-categories"]);
+    let all = ["many-categories", "sync-managers-missing", "general-missing"];
+    assert_eq!(kinds(&image), all);
 }
 
 #[test]
@@ -233,6 +384,7 @@ proptest! {
         }
         let Ok(file) = SiiFile::from_bytes("a.bin", &image) else { return Ok(()) };
         prop_assert!(!file.text().is_empty());
+        if file.doubts.iter().any(|doubt| doubt.kind == DoubtKind::Blank) { return Ok(()) }
         prop_assert!(file.used <= image.len() && file.doubts.len() <= 256);
         let Ok(written) = file.sii.image(0, Names::All) else { return Ok(()) };
         let mut again = read(&written).sii;

@@ -5,8 +5,8 @@ use std::fmt::{self, Write};
 use isocat_wire::coe::DataType;
 use isocat_wire::time::Nanos;
 
-use super::SiiFile;
-use super::report::{Mailbox, OpMode, Pdo, Report};
+use super::report::{DoubtReport, Mailbox, OpMode, Pdo, Report, SyncManager};
+use super::{DoubtKind, SiiFile};
 use crate::columns::{WIDTH, wrap};
 
 impl SiiFile {
@@ -21,6 +21,11 @@ impl SiiFile {
 
 impl Report {
     fn write(&self, out: &mut String) -> fmt::Result {
+        if self.doubts.iter().any(|doubt| doubt.kind == DoubtKind::Blank.name()) {
+            writeln!(out, "{}: nothing was ever written to it", self.file)?;
+            writeln!(out, "  EEPROM        {} bytes", self.bytes)?;
+            return self.write_doubts(out);
+        }
         let name = if self.name.is_empty() { "a device without a name" } else { &self.name };
         writeln!(out, "{}: {}", self.file, printable(name))?;
         writeln!(
@@ -60,6 +65,7 @@ impl Report {
                 sm.control,
                 flags.collect::<String>()
             )?;
+            self.write_empty(out, number, sm)?;
         }
         for (direction, pdos) in [("TxPDO", &self.tx_pdos), ("RxPDO", &self.rx_pdos)] {
             for pdo in pdos {
@@ -81,17 +87,36 @@ impl Report {
             let data = crate::columns::cut(&category.data, 40);
             writeln!(out, "  category {kind}{words}, kept as it is: {bytes} bytes {data}")?;
         }
-        if self.doubts.is_empty() {
-            return Ok(());
+        self.write_doubts(out)
+    }
+
+    /// What keeps from OP, then lesser doubts, then what to do, each remedy once.
+    fn write_doubts(&self, out: &mut String) -> fmt::Result {
+        let heads = [(true, "this EEPROM can't bring a device to OP"), (false, "doubts")];
+        for (keeps, head) in heads {
+            let of_head = || self.doubts.iter().filter(|doubt| doubt.keeps_from_op == keeps);
+            if of_head().next().is_none() {
+                continue;
+            }
+            writeln!(out, "\n{head}")?;
+            for doubt in of_head() {
+                let DoubtReport { kind, word, expected, found, .. } = doubt;
+                item(
+                    out,
+                    &format!("word {word:#06x}: {kind}: expected {expected}, found {found}"),
+                )?;
+            }
         }
-        writeln!(out, "\ndoubts")?;
-        for doubt in &self.doubts {
-            let line = format!(
-                "word {:#06x}: {}: expected {}, found {}",
-                doubt.word, doubt.kind, doubt.expected, doubt.found
-            );
-            for (i, line) in wrap(&line, WIDTH - 4).into_iter().enumerate() {
-                writeln!(out, "  {} {line}", if i == 0 { "-" } else { " " })?;
+        let mut told: Vec<&str> = Vec::new();
+        let (first, then): (Vec<_>, Vec<_>) =
+            self.doubts.iter().partition(|doubt| doubt.keeps_from_op);
+        for remedy in first.into_iter().chain(then).flat_map(|doubt| doubt.remedies) {
+            if told.is_empty() {
+                writeln!(out, "\nwhat to do")?;
+            }
+            if !told.contains(remedy) {
+                told.push(remedy);
+                item(out, remedy)?;
             }
         }
         Ok(())
@@ -112,6 +137,22 @@ impl Report {
         writeln!(out, "  ESC           {} ({})", words.join(", "), self.configuration)
     }
 
+    /// A SyncManager for process data that the EEPROM gives no byte: what becomes of it.
+    fn write_empty(&self, out: &mut String, number: usize, sm: &SyncManager) -> fmt::Result {
+        let mut pdos = self.tx_pdos.iter().chain(&self.rx_pdos);
+        let is_assigned = pdos.any(|pdo| pdo.sync_manager.map(usize::from) == Some(number));
+        let is_process_data = matches!(&*sm.purpose, "outputs" | "inputs") && !sm.is_virtual;
+        if !is_process_data || sm.length > 0 || is_assigned {
+            return Ok(());
+        }
+        let has_coe = self.protocols.iter().any(|protocol| protocol == "CoE");
+        let unless = match has_coe {
+            true => format!(" unless 0x{:04X} assigns PDOs", 0x1C10 + number),
+            false => String::new(),
+        };
+        writeln!(out, "    no PDO of the EEPROM is assigned to it: it stays off{unless}")
+    }
+
     fn write_mailbox(&self, out: &mut String) -> fmt::Result {
         let Some(mailbox) = &self.mailbox else { return writeln!(out, "  mailbox       none") };
         let (protocols, coe) = (self.protocols.join(", "), self.coe.join(", "));
@@ -124,6 +165,14 @@ impl Report {
             false => writeln!(out, "  CoE           {coe}"),
         }
     }
+}
+
+/// An item of a list, wrapped.
+fn item(out: &mut String, words: &str) -> fmt::Result {
+    for (i, line) in wrap(words, WIDTH - 4).into_iter().enumerate() {
+        writeln!(out, "  {} {line}", if i == 0 { "-" } else { " " })?;
+    }
+    Ok(())
 }
 
 fn areas(mailbox: &Mailbox) -> String {

@@ -75,13 +75,8 @@ pub fn all() -> Vec<Meaning> {
         all.push(meaning("obstacle", name, kind.name(), kind.means(), change));
     }
     for kind in sii::DoubtKind::ALL {
-        all.push(meaning(
-            "doubt",
-            "about an EEPROM (SII)",
-            kind.name(),
-            kind.means(),
-            &[OF_AN_EEPROM],
-        ));
+        let change = kind.remedies();
+        all.push(meaning("doubt", "about an EEPROM (SII)", kind.name(), kind.means(), change));
     }
     for kind in eni::WarningKind::ALL {
         all.push(meaning("doubt", "about an ENI", kind.name(), kind.means(), &[OF_AN_ENI]));
@@ -136,8 +131,6 @@ const OF_A_RUN: &str =
 const OF_A_CLAIM: &str = "the MainDevice, if the file says what was meant; else the file. What is meant to differ: \
      `--as-is`, or leave the key out. docs/rules.md has the rules and the keys that are claims";
 const OF_A_CAPTURE: &str = "what the diagnosis says below it, with the figures of this capture";
-const OF_AN_EEPROM: &str = "the EEPROM's content, if it is yours: `isocat sii --from FILE --out OUT` writes one; \
-     a device that runs as it is needs nothing";
 const OF_AN_ENI: &str = "the export of the tool that wrote the file, if what was left out or assumed matters: the sentence \
      beside it says how the place was read";
 

@@ -40,6 +40,8 @@ kinds! {
         Overlap = "overlap",
         /// The SII states two areas for one mailbox.
         MailboxArea = "mailbox-area",
+        /// The SII lacks something that the way up to OP needs.
+        EepromIncomplete = "eeprom-incomplete",
         /// An OpMode of the SII switches SYNC on, and the SubDevice has no system time.
         OpModeWithoutClock = "op-mode-without-clock",
         /// 0x1C32:04 and 0x1C33:04 announce no common mode.
@@ -165,6 +167,7 @@ impl NoteKind {
         Self::BeyondTheMemory,
         Self::Overlap,
         Self::MailboxArea,
+        Self::EepromIncomplete,
         Self::OpModeWithoutClock,
         Self::TypesExcludeEachOther,
         Self::NotReadable,

@@ -125,6 +125,32 @@ fn eeprom_writes_need_the_enable_bit_and_the_ownership() {
     assert_eq!(bench.fpwr(0x0502, &[0x00, 0x01, 8, 0, 0, 0]), 1);
 }
 
+/// Bit 13 without an acknowledge; bit 11 is about a checksum, and of a memory that does not answer
+/// none was read. A command clears the error, and makes it again.
+#[test]
+fn a_dead_eeprom_acknowledges_nothing() {
+    let mut bench = Bench::new(&ET1100);
+    bench.esc.set_eeprom_dead(true);
+    for _ in 0..2 {
+        bench.fpwr(0x0502, &[0x00, 0x01, 0x08, 0, 0, 0]);
+        assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x8140);
+        bench.run_to(bench.now + 20_000);
+        assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x2040);
+    }
+    bench.fpwr(0x0502, &[0x00, 0x00]);
+    assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x0040, "what was loaded at power-on stays");
+    let now = bench.esc.last_frame();
+    bench.esc.power_on(now, Time::ZERO);
+    assert_eq!(bench.esc.register(register::EEPROM_STATUS).0, 0x3040);
+    assert_eq!(bench.esc.register(register::PDI_CONTROL), 0);
+    // Alive again, it is read, and a reload makes up for what the power-on missed.
+    bench.esc.set_eeprom_dead(false);
+    bench.write(register::STATION_ADDRESS, 0x1001);
+    bench.fpwr(0x0502, &[0x00, 0x04]);
+    bench.run_to(bench.now + 1_000_000);
+    assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x0040);
+}
+
 #[test]
 fn a_wrong_checksum_leaves_the_defaults() {
     let mut wrong = image(SII);

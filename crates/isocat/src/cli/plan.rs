@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 
 use clap::{ArgGroup, Args};
 use indicatif::{ProgressBar, ProgressStyle};
+use isocat_descriptions::sii::SiiFile;
 use isocat_descriptions::{eni, limits};
 use isocat_engine::plan::{Plan, PlanReport, cycles, proof, suggest, what_if};
 use isocat_esc::DriftLaw;
+use isocat_maindevice::Cause;
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_wire::Nanos;
 
@@ -377,11 +379,24 @@ fn cases_bar(cases: usize) -> ProgressBar {
     bar
 }
 
+/// What an EEPROM lacks for OP, to be said behind an error that can come of it.
+pub(super) fn lack(cause: &Cause, image: &[u8]) -> String {
+    if !matches!(cause, Cause::Mapping { .. } | Cause::Sii { .. }) {
+        return String::new();
+    }
+    let file = SiiFile::from_bytes("EEPROM", image).ok();
+    let lack = file.and_then(|file| file.doubts.into_iter().find(|doubt| doubt.keeps_from_op));
+    lack.map_or_else(String::new, |lack| format!("; its EEPROM can't bring a device to OP: {lack}"))
+}
+
 /// An error with the place of its device in the segment file.
 pub(super) fn place(scenario: &Scenario, error: &isocat_maindevice::Error) -> String {
     let position = error.cause.place().map(|place| place.position);
     match position.and_then(|position| scenario.devices.get(position)) {
-        Some(device) => format!("{}:{}: {error}", scenario.source, device.line),
+        Some(device) => {
+            let lack = lack(&error.cause, &device.profile.sii);
+            format!("{}:{}: {error}{lack}", scenario.source, device.line)
+        }
         None => format!("{}: {error}", scenario.source),
     }
 }

@@ -15,8 +15,8 @@ use isocat_engine::report::Finding;
 use isocat_esc::DriftLaw;
 use isocat_maindevice::{Fault, Segment};
 use isocat_segment::{Scenario, SegmentFile};
-use isocat_sim::Outcome;
 use isocat_sim::run::Progress;
+use isocat_sim::{Judged, Kind, Outcome};
 use isocat_wire::Nanos;
 use serde::Serialize;
 
@@ -366,12 +366,18 @@ pub fn command(words: &[&str]) -> String {
 pub fn refusal(scenario: Option<&Scenario>, finding: Option<&Finding>, verdict: &str) -> String {
     let Some(finding) = finding else { return verdict.to_owned() };
     let Some(scenario) = scenario else { return finding.sentence() };
-    let line = finding.position.and_then(|position| scenario.devices.get(position)).map(|d| d.line);
-    let place = match line {
-        Some(line) => format!("{}:{line}", scenario.source),
+    let device = finding.position.and_then(|position| scenario.devices.get(position));
+    let place = match device {
+        Some(device) => format!("{}:{}", scenario.source, device.line),
         None => scenario.source.clone(),
     };
-    format!("{place}: {}", finding.sentence())
+    let lack = match (&finding.kind, device) {
+        (Kind::Judged(Judged::Failed { cause, .. }), Some(device)) => {
+            super::plan::lack(cause, &device.profile.sii)
+        }
+        _ => String::new(),
+    };
+    format!("{place}: {}{lack}", finding.sentence())
 }
 
 /// A hint for a misspelled verb, which is read as a file name.

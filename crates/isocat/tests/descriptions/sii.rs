@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use isocat::esi::{EsiFile, Wish};
-use isocat::sii::{DoubtKind, SiiFile, report};
+use isocat::sii::{DoubtKind, Names, SiiFile, report};
 use isocat_wire::sii::{categories, category, word};
 
 fn isocat(arguments: &[&str]) -> Output {
@@ -168,16 +168,147 @@ fn real_eeproms_are_read() {
         (DoubtKind::Size, 0x3E),
         (DoubtKind::StringUnprintable, 0x72),
         (DoubtKind::CategoryCut, 0x145),
+        (DoubtKind::SyncManagersMissing, 0x145),
+        (DoubtKind::GeneralMissing, 0x145),
     ];
     assert_eq!(doubts("akd_null_strings.hex"), cut);
     let empty: Vec<_> = doubts("empty.bin").into_iter().map(|(kind, _)| kind.name()).collect();
-    assert_eq!(empty, ["checksum", "identity", "size", "version", "many-categories"]);
+    let all = ["checksum", "identity", "size", "version", "many-categories", "general-missing"];
+    assert_eq!(empty, all);
     // What an SII alone is enough for.
     for name in ["akd.hex", "ek1100.hex"] {
         let path = folder.join(name).display().to_string();
         let (codes, words) = tried(&format!("{name}.toml"), &format!("sii = {path:?}"));
         assert_eq!(codes, [Some(0), Some(0)], "{name}: {words}");
     }
+}
+
+/// Images of makers' descriptions: devices that come to OP in reality, so nothing keeps them from
+/// there, but for one file that KickCAT's authors made wrong for their tests.
+#[test]
+fn no_maker_is_blamed() {
+    let mut devices = 0;
+    for folder in ["esi", "esi-more"].into_iter().filter_map(shared) {
+        for entry in std::fs::read_dir(folder).expect("readable") {
+            let path = entry.expect("an entry").path();
+            let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
+            let name = name.unwrap_or_default();
+            // Whole images and the configuration area are not always in the description.
+            let Ok(esi) = EsiFile::read(&path.display().to_string()) else { continue };
+            for device in &esi.devices {
+                let Ok(image) = esi.sii(device).image(0, Names::Fitting) else { continue };
+                let file = SiiFile::from_bytes(&name, &image).expect("it has a header");
+                devices += 1;
+                let kept: Vec<_> = file.doubts.iter().filter(|doubt| doubt.keeps_from_op).collect();
+                let expected = usize::from(name == "kickcat_sm_fmmu.xml");
+                assert_eq!(kept.len(), expected, "{name} {}: {kept:?}", device.type_name);
+                let lesser = [DoubtKind::SyncManagerOff, DoubtKind::SyncManagerUntyped];
+                let blamed = file.doubts.iter().filter(|doubt| lesser.contains(&doubt.kind));
+                let blamed = blamed.count();
+                assert!(blamed <= expected, "{name} {}: {blamed}", device.type_name);
+            }
+        }
+    }
+    println!("{devices} devices");
+}
+
+/// An EEPROM of which something was forgotten: what `sii`, `run` and `scan` say of it.
+#[test]
+fn what_is_missing_is_the_cause() {
+    let path = scratch("whole.bin");
+    let output = isocat(&["sii", "--from", BOX, "--type", "Drive", "--out", &path]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let mut image = std::fs::read(&path).expect("written");
+    // The categories were never written.
+    image[2 * usize::from(word::CATEGORIES)..].fill(0xFF);
+    std::fs::write(scratch("header.bin"), &image).expect("writable");
+    let read = isocat(&["sii", &scratch("header.bin")]);
+    let words = text(&read.stdout);
+    assert_eq!(read.status.code(), Some(1), "{words}");
+    assert!(words.contains("this EEPROM can't bring a device to OP\n  - word 0x0040: "), "{words}");
+    let json = isocat(&["sii", &scratch("header.bin"), "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    let doubts = json["doubts"].as_array().expect("doubts");
+    let kept = doubts.iter().find(|doubt| doubt["keeps_from_op"] == true).expect("one");
+    assert_eq!(
+        (&kept["kind"], kept["word"].as_u64()),
+        (&"sync-managers-missing".into(), Some(0x40))
+    );
+    assert!(
+        kept["remedies"][0].as_str().is_some_and(|remedy| remedy.contains("isocat sii --from"))
+    );
+
+    let segment = |name: &str, of: &str, eeprom: &str| {
+        let path = scratch(name);
+        let device = format!("{of}sii = {eeprom:?}\n");
+        let file = format!("cycle = \"1ms\"\nfor = \"100ms\"\n[[subdevice]]\n{device}");
+        std::fs::write(&path, file).expect("writable");
+        path
+    };
+    let said = |verb: &str, path: &str| {
+        let output = isocat(&[verb, path]);
+        let words = text(&output.stdout) + &text(&output.stderr);
+        let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
+        (output.status.code(), words)
+    };
+    let lack = "EEPROM can't bring a device to OP: word 0x0040: sync-managers-missing";
+    let broken = segment("header.toml", "", "header.bin");
+    for verb in ["run", "scan"] {
+        let (code, words) = said(verb, &broken);
+        assert_eq!(code, Some(1), "{words}");
+        assert!(words.contains(lack), "{verb}: {words}");
+    }
+    // Beside a description the plan sees it before any frame.
+    let of = format!("esi = {BOX:?}\ntype = \"Drive\"\n");
+    let (code, words) = said("run", &segment("beside-header.toml", &of, "header.bin"));
+    assert!(code == Some(2) && words.contains(lack), "{words}");
+    let whole = segment("whole.toml", &of, "whole.bin");
+    for verb in ["run", "scan"] {
+        let (code, words) = said(verb, &whole);
+        assert_eq!(code, Some(0), "{words}");
+        assert!(!words.contains("EEPROM can't"), "{verb}: {words}");
+    }
+}
+
+/// An EEPROM that was never written: the ESC has no door to a CPU, or a CPU is there and the
+/// content is blank.
+#[test]
+fn a_blank_eeprom_was_never_written() {
+    for (byte, told) in [(0xFF, "did not load the EEPROM"), (0x00, "the EEPROM is blank")] {
+        std::fs::write(scratch("blank.bin"), [byte; 2_048]).expect("writable");
+        let read = isocat(&["sii", &scratch("blank.bin")]);
+        assert_eq!(read.status.code(), Some(1));
+        assert!(text(&read.stdout).contains("word 0x0000: blank: "), "{}", text(&read.stdout));
+        let path = scratch("blank.toml");
+        std::fs::write(&path, "cycle = \"1ms\"\n[[subdevice]]\nsii = \"blank.bin\"\n")
+            .expect("writable");
+        let run = isocat(&["run", &path]);
+        let words = text(&run.stdout).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(run.status.code(), Some(1), "{words}");
+        assert!(words.contains(told) && words.contains("Write the image of its maker"), "{words}");
+    }
+}
+
+/// A dead EEPROM is told as one, at each door; it was called busy.
+#[test]
+fn a_dead_eeprom_is_no_busy_one() {
+    let path = scratch("dead.toml");
+    let fault = "[[fault]]\nat = \"0ms\"\nwhat = \"dead-eeprom 0\"\n";
+    let file = format!("cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io4\"\n{fault}");
+    std::fs::write(&path, file).expect("writable");
+    let capture = scratch("dead.pcapng");
+    let words = |arguments: &[&str]| {
+        let output = isocat(arguments);
+        assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+        text(&output.stdout).split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    let run = words(&["run", &path, "--capture", &capture]);
+    assert!(run.contains("no EEPROM answers") && run.contains("Cause: The ESC asks"), "{run}");
+    assert!(!run.contains("stays busy"), "{run}");
+    let scan = words(&["scan", &path]);
+    assert!(scan.contains("no EEPROM answers"), "{scan}");
+    let diagnosed = words(&["diagnose", &capture]);
+    assert!(diagnosed.contains("no EEPROM answers"), "{diagnosed}");
 }
 
 /// A byte of a real EEPROM that differs from the image of the description: where, and why.

@@ -27,6 +27,10 @@ pub(super) fn change(kind: NoteKind) -> &'static [&'static str] {
         K::SyncManagerUse | K::BeyondTheMemory | K::Overlap | K::MailboxArea => {
             &["the EEPROM, if it is yours (`isocat sii --from FILE --out OUT`); else ask the maker"]
         }
+        K::EepromIncomplete => {
+            &["the EEPROM, by the whole image: the maker's description has what is missing \
+             (`isocat sii --from FILE --type TYPE --out OUT`)"]
+        }
         K::OpModeWithoutClock | K::DcWithoutClock => {
             &["mode, to one without DC: the device has no clock to run by"]
         }

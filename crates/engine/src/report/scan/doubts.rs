@@ -136,6 +136,10 @@ impl Doubts {
         if device.identity.vendor == 0 || device.identity.product == 0 {
             self.asks(NoteKind::NoIdentity, "its SII names no vendor or no product".to_owned());
         }
+        for lack in crate::diagnosis::eeprom::of(&device.sii) {
+            let what = format!("its EEPROM can't bring a device to OP: {lack}");
+            self.contradicts(NoteKind::EepromIncomplete, what);
+        }
     }
 
     fn sync_managers(&mut self, device: &SubDevice) {

@@ -20,6 +20,8 @@ pub(crate) struct Logical {
     pub recent: u64,
     /// The first of them.
     pub first: usize,
+    /// When the last one of all came.
+    pub last_at: Duration,
     /// How often each working counter came back while the segment was in operation.
     pub counts: BTreeMap<u16, u64>,
     /// Changes of the working counter while the segment was in operation.
@@ -189,6 +191,7 @@ impl Cycle {
         let logical = &mut self.logical[place];
         logical.frames += 1;
         logical.recent += 1;
+        logical.last_at = at;
         let recent = logical.recent;
         let marker = *self.marker.get_or_insert(place);
         // A rare datagram, such as the data of a slow group, which may come each other time, or of
@@ -344,6 +347,7 @@ impl Cycle {
             frames: 0,
             recent: 0,
             first: access.frame,
+            last_at: Duration::ZERO,
             counts: BTreeMap::new(),
             changes: Log::new(MOST_CHANGES),
             lost: Log::new(MOST_CHANGES),

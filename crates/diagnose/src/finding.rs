@@ -108,6 +108,8 @@ kinds! {
     StartInPast { late_ns: u64 } "start-in-past" Fault;
     /// The synchronization type needs a SYNC signal that is not switched on.
     ModeWithoutSync { object: ObjectAddress, mode: SyncType } "mode-without-sync" Fault;
+    /// SYNC0 was switched off while the device was to stay in OP.
+    Sync0SwitchedOff {} "sync0-switched-off" Fault;
     /// The process data watchdog is not longer than the cycle.
     WatchdogBelowCycle { watchdog_ns: u64, cycle_ns: u64 } "watchdog-below-cycle" Fault;
     /// Cycles without a frame, in the time of the reference clock.
@@ -140,6 +142,8 @@ kinds! {
     LeftOp { to: AlStatus, code: Option<AlStatusCode> } "left-op" Fault;
     /// A device was asked for OP and stayed below it, to the end of the capture.
     StayedBelow { status: AlStatus } "stayed-below-op" Fault;
+    /// All devices were asked to leave OP, and process data went on without them.
+    AskedDown { state: AlState, for_ns: u64 } "asked-down" Fault;
     /// A device refused a state, or went to an error state.
     AlError { asked: Option<AlState>, status: AlStatus, code: Option<AlStatusCode>, came_up: bool } "al-error" Fault;
     /// The EEPROM of a device acknowledged no read any more, to the end of the capture.

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use isocat_captures::pairing::{Seen, Tap};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
-use isocat_wire::al::{AlControl, AlState};
+use isocat_wire::al::AlState;
 use isocat_wire::{ObjectAddress, PortNumber, register};
 
 use crate::clock::Reference;
@@ -14,6 +14,7 @@ use crate::finding::{Finding, Kind};
 use crate::judge::claims::Held;
 use crate::known::Known;
 use crate::observer::Observer;
+use crate::state::Asked;
 use crate::talker::Talker;
 
 pub(crate) mod claims;
@@ -36,6 +37,7 @@ pub(crate) fn findings(observer: &Observer, tap: Tap, rulings: &[Held]) -> Vec<F
         mailbox(place, device, &mut all);
         sync_counters(place, device, &mut all);
     }
+    asked_down(observer, &mut all);
     talkers(observer, &mut all);
     claims::judge(rulings, &mut all);
     consequences(&mut all);
@@ -129,16 +131,62 @@ fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Find
 /// there. One that shows an error is a finding already.
 fn stayed_below(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let states = &device.states;
-    let asks = |asked: AlControl| asked.state() == Ok(AlState::Op);
-    let Some(asked) = states.asked.filter(|asked| asks(asked.value)) else { return };
-    let first = states.requests.kept.iter().find(|request| asks(request.control));
-    let (Some(first), Some((status, seen))) = (first, states.last_seen()) else { return };
-    let waited = observer.last.saturating_sub(first.at);
-    if states.op.is_some() || status.error() || seen < asked.frame || waited < PATIENCE {
+    let asks = |request: &Asked| request.control.state() == Ok(AlState::Op);
+    let requests = &states.requests.kept;
+    let Some(at) = requests.iter().position(asks).filter(|_| states.op.is_none()) else { return };
+    // Until it was asked for something else, as on the way down.
+    let first = requests[at];
+    let next = requests[at..].iter().find(|request| !asks(request));
+    let end = next.map_or(observer.last, |next| next.at);
+    let changes = &states.changes;
+    let mut after = changes.kept.iter().filter(|seen| next.is_some_and(|n| n.frame < seen.frame));
+    let seen = match after.next() {
+        // The last frame that showed the status before.
+        Some(change) => {
+            let held = changes.kept.iter().rfind(|held| held.frame < change.frame);
+            held.zip(change.before).map(|(held, before)| (held.status, before))
+        }
+        None => states.last_seen(),
+    };
+    let seen = seen.filter(|_| changes.left_off() == 0);
+    let Some((status, seen)) =
+        seen.filter(|(status, seen)| !status.error() && *seen >= first.frame)
+    else {
+        return;
+    };
+    if end.saturating_sub(first.at) >= PATIENCE {
+        let finding = Finding::new(Kind::StayedBelow { status }, Some(place), first.frame);
+        all.push(finding.at(first.at).with([seen]));
+    }
+}
+
+/// All devices that had been in OP were asked to leave it and not to come back, and process data
+/// went on without them, as after a second scan by the same program.
+fn asked_down(observer: &Observer, all: &mut Vec<Finding>) {
+    let mut operated =
+        observer.devices.list.iter().filter(|device| device.states.op.is_some()).peekable();
+    if operated.peek().is_none() {
         return;
     }
-    let finding = Finding::new(Kind::StayedBelow { status }, Some(place), first.frame);
-    all.push(finding.at(first.at).with([seen]));
+    let below = |device: &Device| {
+        let requests = &device.states.requests;
+        let asked = requests.kept.last().filter(|_| requests.left_off() == 0)?;
+        let op = |request: &Asked| request.control.state() == Ok(AlState::Op);
+        // The first request below OP since it was last asked for OP.
+        let up = requests.kept.iter().rposition(op)?;
+        (!op(asked)).then(|| requests.kept[up + 1])
+    };
+    let Some(down) = operated.map(below).collect::<Option<Vec<_>>>() else { return };
+    let Some(first) = down.iter().min_by_key(|asked| asked.frame) else { return };
+    let last = observer.cycle.logical.iter().map(|logical| logical.last_at).max();
+    let went_on = last.map_or(Duration::ZERO, |last| last.saturating_sub(first.at));
+    if let (true, Ok(state)) = (went_on >= WAY_DOWN, first.control.state()) {
+        let kind = Kind::AskedDown {
+            state,
+            for_ns: u64::try_from(went_on.as_nanos()).unwrap_or(u64::MAX),
+        };
+        all.push(Finding::new(kind, None, first.frame).at(first.at));
+    }
 }
 
 /// A device that answers has a link. If it has none at port 0, IN and OUT are swapped.
@@ -230,11 +278,19 @@ fn talkers(observer: &Observer, all: &mut Vec<Finding>) {
     all.push(Finding::new(kind, None, other.first).with([other.last]));
 }
 
-/// Talkers that took turns, the one with the most frames first.
+/// Talkers that took turns, the one with the most frames first; and those that asked SubDevices for
+/// a state while that one went on.
 pub(crate) fn turns(observer: &Observer) -> impl Iterator<Item = &Talker> {
-    let mut talkers: Vec<_> =
-        observer.talkers.list.iter().filter(|one| one.turns >= LEAST_TURNS).collect();
+    let mut talkers: Vec<&Talker> = observer.talkers.list.iter().collect();
     talkers.sort_by_key(|talker| std::cmp::Reverse(talker.frames));
+    let first = talkers.first().copied();
+    let meddles = move |one: &Talker| {
+        let while_it_talks = first.is_some_and(|first| {
+            first.address == one.address || first.first < one.first && one.last < first.last
+        });
+        one.asking > 0 && while_it_talks
+    };
+    talkers.retain(|one| one.turns >= LEAST_TURNS || meddles(one));
     talkers.into_iter()
 }
 
@@ -271,6 +327,8 @@ pub(crate) fn reference(observer: &Observer) -> Option<usize> {
 /// Time within which a device that was asked for OP must have been seen there: a program may look
 /// seldom.
 pub(crate) const PATIENCE: Duration = Duration::from_millis(500);
+/// How long process data may go on when all devices were asked to leave OP, as programs end.
+const WAY_DOWN: Duration = Duration::from_secs(1);
 /// How often the source of frames must change to a talker before it counts as talking at the same
 /// time as another.
 const LEAST_TURNS: u64 = 8;

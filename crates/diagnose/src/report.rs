@@ -75,6 +75,8 @@ pub(crate) fn report(
         unseen: in_order().map(|device| device.states.op.is_none()).collect(),
         pulsing: in_order().map(|device| device.sync.operates()).collect(),
         lacking: lacking(&rulings, names),
+        unled: crate::evidence::unled(observer)
+            .and_then(|unled| builder.order.iter().position(|place| *place == unled)),
         is_open: tap.is_some_and(|tap| tap.seen == TapSeen::Back) && observer.is_operating(),
         has_no_sync: tap.is_some_and(|tap| tap.seen == TapSeen::Both)
             && crate::evidence::operates_without_sync(observer),
@@ -94,6 +96,8 @@ struct Doubts {
     pulsing: Vec<bool>,
     /// What is not known though it was claimed.
     lacking: Option<String>,
+    /// The first device whose clock is not known to have come to the reference.
+    unled: Option<usize>,
     /// The capture has answers alone and ends in operation, so it is not known what came behind the
     /// last answer.
     is_open: bool,
@@ -196,6 +200,13 @@ impl DiagnoseReport {
                 let sentence = format!(
                     "No fault was found; whether devices were in sync as they are meant to is not known: the capture does not show {}.",
                     doubts.lacking.unwrap_or_default()
+                );
+                (VerdictKind::NothingFound, sentence)
+            }
+            (None, 1.., None) if doubts.unled.is_some() => {
+                let unled = doubts.unled.map(|at| self.devices[at].title()).unwrap_or_default();
+                let sentence = format!(
+                    "No fault was found; whether devices were in sync is not known: the capture does not show that the clock of {unled} had come to the reference (0x092C) before it operated.",
                 );
                 (VerdictKind::NothingFound, sentence)
             }

@@ -63,6 +63,10 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
             "nothing came back any more: {frames} cyclic frames in the last {} of the capture have no answer",
             ns(*for_ns)
         ),
+        Kind::AskedDown { state, for_ns } => format!(
+            "the MainDevice asked all SubDevices for {state}, and its process data went on for {} without them",
+            ns(*for_ns)
+        ),
         Kind::StayedBelow { status } => {
             format!("{subject} was asked for OP and stayed in {status}, to the end of the capture")
         }
@@ -150,6 +154,9 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
         Kind::SyncWithoutMode { object, mode } => {
             format!("{subject}: SYNC0 is switched on (0x0981), and {object} was written {mode}")
         }
+        Kind::Sync0SwitchedOff {} => format!(
+            "{subject}: SYNC0 was switched off (0x0981) while it was to stay in OP: its outputs act at no certain time, or it leaves OP"
+        ),
         Kind::Sync0LeftOut { like } => format!(
             "{subject}: SYNC0 is off (0x0981), and runs at {}, which is the same device: outputs act at another time here",
             of(*like)
@@ -252,6 +259,10 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
             "isocat scan --interface IF --rescue names the port behind which the line is dead",
             "look whether the capture's own interface has a link",
         ],
+        Kind::AskedDown { .. } => &[
+            "do not scan or set up anew while the segment operates: that asks all SubDevices for INIT",
+            "bring them up again before process data go on, or end the exchange",
+        ],
         Kind::StayedBelow { .. } => &[
             "read 0x0134 (AL status code): a device that waits for SYNC0 or for outputs says so after some seconds",
             "compare start time (0x0990), cycle (0x09A0) and shift of its SYNC0 with the cycle of the frames",
@@ -321,6 +332,9 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         Kind::SyncWithoutMode { .. } => {
             &["write 0x1C32:01 and 0x1C33:01 as the mode needs, or leave SYNC off"]
         }
+        Kind::Sync0SwitchedOff {} => &[
+            "leave 0x0981 as it is until the device is asked for PREOP, and look for who writes it",
+        ],
         Kind::Sync0LeftOut { .. } => &[
             "write 0x09A0, 0x0990, then 0x0980 and 0x0981 in PREOP, as at the other one, if both are to act at one instant",
         ],

@@ -52,6 +52,10 @@ struct Setup {
     control: Option<u8>,
     /// Frames from another source, one after each of the last cycles.
     strangers: usize,
+    /// A frame from another source that asks all for a state, after cycle 30.
+    meddles: Option<u8>,
+    /// The cycle after which SYNC0 is switched off.
+    sync_off: u64,
     /// 0x0110; 0: not read.
     links: u8,
     /// Cycles in operation.
@@ -91,6 +95,8 @@ impl Default for Setup {
             status: [8, 0, 0, 0, 0, 0],
             control: None,
             strangers: 0,
+            meddles: None,
+            sync_off: u64::MAX,
             links: 0,
             cycles: 100,
             looks: true,
@@ -248,6 +254,7 @@ impl Setup {
         wire.sdo(0x1C32, 5, &self.minimum.to_le_bytes(), false);
         wire.sdo(0x1C32, 6, &self.copy.to_le_bytes(), false);
         wire.write(0x0810, &[0x00, 0x11, 2, 0, 0x64, 0, 1, 0]);
+        wire.write(0x0600, &[0, 0, 0, 0, 2, 0, 0, 7, 0x00, 0x11, 0, 2, 1, 0, 0, 0]);
         wire.write(0x0400, &self.divider.to_le_bytes());
         wire.write(0x0420, &self.watchdog.to_le_bytes());
         let time = Address::Station(StationAddress(STATION), 0x0910);
@@ -312,6 +319,15 @@ impl Setup {
                     wire.write(0x0120, &[control, 0]);
                 }
                 wire.read(0x0130, &self.status);
+            }
+            if cycle == 30
+                && let Some(control) = self.meddles
+            {
+                let all = Address::Broadcast(0x0120);
+                wire.exchange_of(0x20, &[(Command::Bwr, all, &[control, 0], &[control, 0], 1)]);
+            }
+            if cycle == self.sync_off {
+                wire.write(0x0980, &[0, 0]);
             }
             if cycle + self.strangers as u64 >= self.cycles {
                 let all = Address::Broadcast(0x0130);
@@ -440,11 +456,15 @@ fn frames_behind_sync0() {
     edge(of(left), of(left + 1), "sync0-passed");
 }
 
-/// Half a cycle in 99 cycles, towards earlier frames, which stay before the same SYNC0.
+/// A part per million; and half a cycle in 99 cycles, towards earlier frames, which stay before the
+/// same SYNC0.
 #[test]
 fn a_host_that_slides() {
     let of = |drift| Setup { drift, ..Setup::default() };
-    edge(of(-5050), of(-5051), "host-slides");
+    edge(of(-1), of(-2), "frames-slide");
+    for (drift, kind) in [(-5050, "frames-slide"), (-5051, "host-slides")] {
+        assert_eq!(of(drift).found(), [kind]);
+    }
 }
 
 #[test]
@@ -474,6 +494,28 @@ fn modes_and_sync() {
     edge(of(3, 7), of(3, 3), "mode-without-sync");
     edge(of(2, 3), of(1, 3), "sync-without-mode");
     assert_eq!(of(1, 0).found(), [""; 0], "neither");
+}
+
+/// A frame of somebody else that asks for a state is one too many, while one that looks is none.
+#[test]
+fn a_stranger_that_asks_for_a_state() {
+    let of = |meddles| Setup { meddles, ..Setup::default() };
+    edge(Setup { strangers: 1, ..of(None) }, of(Some(8)), "another-talker");
+}
+
+/// SYNC0 goes off before the end, by half a second and less.
+#[test]
+fn sync0_that_is_switched_off_in_operation() {
+    let of = |sync_off| Setup { cycles: 700, sync_off, ..Setup::default() };
+    edge(of(250), of(150), "sync0-switched-off");
+}
+
+/// After cycle 70 all are asked for INIT, and frames go on for a second and less.
+#[test]
+fn process_data_that_go_on_without_anybody() {
+    let of =
+        |cycles| Setup { control: Some(1), status: [1, 0, 0, 0, 0, 0], cycles, ..Setup::default() };
+    edge(of(1_050), of(1_100), "asked-down");
 }
 
 #[test]

@@ -196,6 +196,7 @@ struct Notes {
     /// The longest time in which frames left and none came back.
     silence: Option<Silence>,
     late_before: u64,
+    slow_before: u64,
     /// Changes of the segment.
     changes: Vec<Dated>,
     /// SubDevices that were lost or admitted.
@@ -310,6 +311,7 @@ fn run_for<T: Tap>(
     }
     notes.missed = world.main().statistics().frames_missed() - before.frames_missed();
     notes.late_before = before.frames_late;
+    notes.slow_before = before.frames_slow;
     notes.silence = silences.longest(world.now(), world.main().counts());
 }
 
@@ -461,6 +463,7 @@ impl<T: Tap> Outcome<T> {
         let late = (statistics.frames_late - notes.late_before).min(notes.missed);
         let silent = notes.silence.map_or(0, |silence| silence.frames);
         let lost = (notes.missed - late).saturating_sub(silent);
+        let late = late + (statistics.frames_slow - notes.slow_before);
         let silence = notes.silence.map(|silence| Dated {
             device: None,
             at: Some(silence.since),

@@ -12,6 +12,7 @@ use crate::evidence;
 use crate::finding::{Finding, Kind};
 use crate::observer::Observer;
 use crate::phase::{Distance, Measured};
+use crate::sync_unit::Switched;
 
 pub(super) fn judge(observer: &Observer, all: &mut Vec<Finding>) {
     drift_frames(observer, all);
@@ -19,6 +20,7 @@ pub(super) fn judge(observer: &Observer, all: &mut Vec<Finding>) {
         started(place, device, all);
         modes(place, device, all);
         left_out(place, device, observer, all);
+        switched_off(place, device, observer, all);
         differences(place, device, all);
         clock_set(place, device, observer, all);
         minimum(place, device, all);
@@ -114,7 +116,12 @@ fn modes(place: usize, device: &Device, all: &mut Vec<Finding>) {
     let sync1 = last.is_some_and(|last| last.word.activates() && last.word.makes_sync1());
     // What was set up before the capture began is not known.
     let up = device.states.op.filter(|op| frame < op.frame);
-    let lacks = mode == SyncType::DC_SYNC0 && !sync0 || mode == SyncType::DC_SYNC1 && !sync1;
+    // What was switched off later is another matter.
+    let entries = || device.sync.switched.kept.iter().filter(|one| one.word.activates());
+    let had_sync0 = entries().any(|one| one.word.makes_sync0());
+    let had_sync1 = entries().any(|one| one.word.makes_sync1());
+    let lacks_sync0 = mode == SyncType::DC_SYNC0 && !sync0 && !had_sync0;
+    let lacks = lacks_sync0 || mode == SyncType::DC_SYNC1 && !sync1 && !had_sync1;
     let written = device.mailbox.values.get(&object);
     let written = written.is_some_and(|known| known.value.way == crate::mailbox::Way::Written);
     if let Some(op) = up.filter(|_| lacks && written) {
@@ -125,6 +132,27 @@ fn modes(place: usize, device: &Device, all: &mut Vec<Finding>) {
     if let Some(last) = last.filter(|_| sync0 && unused && written) {
         let kind = Kind::SyncWithoutMode { object, mode };
         all.push(Finding::new(kind, Some(place), frame).with([last.frame]));
+    }
+}
+
+/// SYNC0 that was switched off while the device was to stay in OP.
+fn switched_off(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let Some(op) = device.states.op else { return };
+    let entries = &device.sync.switched.kept;
+    let in_op = |off: &Switched| {
+        let asked = device.states.requests.kept.iter().rfind(|asked| asked.frame < off.frame);
+        off.frame > op.frame && asked.is_some_and(|asked| asked.control.state() == Ok(AlState::Op))
+    };
+    let off = entries.windows(2).find_map(|two| {
+        let [before, now] = two else { return None };
+        (before.makes_sync0() && !now.makes_sync0() && in_op(now)).then_some(*now)
+    });
+    let Some(off) = off else { return };
+    // Shortly before the way down it harms nothing.
+    let asked = device.states.requests.kept.iter().find(|asked| asked.frame > off.frame);
+    let end = asked.map_or(observer.last, |asked| asked.at);
+    if end.saturating_sub(off.at) >= super::PATIENCE {
+        all.push(Finding::new(Kind::Sync0SwitchedOff {}, Some(place), off.frame).at(off.at));
     }
 }
 

@@ -200,7 +200,9 @@ fn no_answer(place: Place<'_>, scan: &Scan) -> Option<String> {
         Failure::Gave(error) => match &error.cause {
             Cause::Silent { foreign: None, .. } => {
                 let silent = &error.cause;
-                Some(format!("{place}: {silent}; --rescue looks for a line that gives nothing back"))
+                Some(format!(
+                    "{place}: {silent}; --rescue looks for a line that gives nothing back"
+                ))
             }
             Cause::Silent { .. } | Cause::Empty | Cause::Access(_) => {
                 Some(format!("{place}: {}", error.cause))

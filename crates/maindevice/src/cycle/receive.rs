@@ -41,7 +41,10 @@ impl CyclicExchange {
         let datagrams = core::mem::take(&mut frame.datagrams);
         self.in_flight -= 1;
         self.closing.out -= usize::from(cycle == self.number);
-        board.statistics.frames_behind += u64::from(cycle != self.number);
+        if cycle != self.number {
+            board.statistics.frames_behind += 1;
+            board.statistics.frames_slow += u64::from(now - sent >= self.cycle);
+        }
         board.statistics.frames_received += 1;
         let mut complete = true;
         let mut reference_time = None;

@@ -399,6 +399,25 @@ fn the_watchdog_of_the_description_is_planned_with() {
     assert!(!guarded("<Reg0420>0</Reg0420>"));
 }
 
+/// A fixed SYNC0 goes with any multiple of it, but not if SYNC1 comes with each SYNC0: what to write
+/// instead is told.
+#[test]
+fn sync1_of_a_fixed_sync0_comes_with_the_bus() {
+    let said = |factor: &str, cycle: &str| {
+        let own = "<CycleTimeSync1 Factor=\"-1\">0";
+        assert_eq!(BOX.matches(own).count(), 1);
+        let text = BOX.replace(own, &own.replace("-1", factor));
+        let file = File::new("fixed", &text);
+        let text = file.segment("type = \"Drive\"\nopmode = 2").replace("\"1ms\"", cycle);
+        SegmentFile::parse("s.toml", &text).map_err(|error| error.to_string())
+    };
+    assert!(said("-1", "\"2ms\"").is_ok());
+    let refused = said("1", "\"2ms\"").expect_err("SYNC1 each 250 us");
+    assert!(refused.contains("Factor -1 at CycleTimeSync1"), "{refused}");
+    let other = said("1", "\"300us\"").expect_err("no multiple");
+    assert!(!other.contains("Factor -1"), "{other}");
+}
+
 /// An interpolation time (0x60C2) becomes the device's cycle, as no drive interpolates rightly over
 /// another one; a part alone, or a cycle that no such number is, leaves what the maker wrote.
 #[test]

@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+use isocat::Nanos;
+use isocat::profile::{Profile, built_in_text};
 use serde_json::Value;
 
 fn isocat(arguments: &[&str]) -> Output {
@@ -381,4 +383,27 @@ fn leaves(value: &Value, at: &str, all: &mut Vec<String>) {
         }
         _ => all.push(at.to_owned()),
     }
+}
+
+/// A drive whose file has the interpolation time gets its cycle at start; one whose file is silent
+/// has the object and is left alone, since a real one may be without.
+#[test]
+fn an_interpolation_time_that_the_file_has_is_written_at_start() {
+    let text = built_in_text("kollmorgen_akd2g").expect("a profile");
+    let object = "\n[[object]]\nindex = 0x60C2\nname = \"Interpolation time\"\ncode = \"record\"\nentries = [\n\
+                  [0, \"UNSIGNED8\", \"ro\", 2, \"Count\"],\n[1, \"UNSIGNED8\", \"ACCESS\", 1, \"Units\"],\n\
+                  [2, \"INTEGER8\", \"ACCESS\", -3, \"Index\"],\n]\n";
+    let profile = |more: &str| Profile::from_toml("drive.toml", &(text.to_owned() + more)).unwrap();
+    let parts = |more: &str| {
+        let profile = profile(more);
+        assert!(profile.description.object(0x60C2).is_some());
+        let at = |cycle| {
+            let all = &profile.startup;
+            all.iter().map(|one| one.at_cycle(all, Nanos::micros(cycle))[0]).collect::<Vec<_>>()
+        };
+        [at(4_000), at(250)]
+    };
+    assert_eq!(parts(&object.replace("ACCESS", "rw")), [[4, 0xFD], [250, 0xFA]]);
+    assert_eq!(parts(&object.replace("ACCESS", "ro")), [[0; 0]; 2]);
+    assert_eq!(parts(""), [[0; 0]; 2]);
 }

@@ -180,8 +180,19 @@ impl TakenOpMode {
             true => "",
             false => ", or of this device alone (cycle beside esi), as a multiple of the bus cycle",
         };
+        // A fixed SYNC0 goes with any multiple of it, if SYNC1 comes once in each bus cycle.
+        let terms = &self.terms;
+        let sync1_each_sync0 = terms.assign_activate.makes_sync1()
+            && terms.sync0.value > 0
+            && (terms.sync1.value, terms.sync1.factor) == (0, Some(1));
+        let factor = match sync1_each_sync0 && bus.0 % terms.sync0.value == 0 {
+            true => {
+                "; or Factor -1 at CycleTimeSync1, with which SYNC1 comes once in each bus cycle"
+            }
+            false => "",
+        };
         format!(
-            "{found}; expected a cycle of {cycles}: of the bus (cycle in the head of the file){alone}"
+            "{found}; expected a cycle of {cycles}: of the bus (cycle in the head of the file){alone}{factor}"
         )
     }
 }

@@ -13,7 +13,7 @@ use isocat_maindevice::segment::Timing;
 use isocat_maindevice::{Segment, SegmentChange};
 use isocat_segment::Scenario;
 use isocat_sim::{Judged, Kind};
-use isocat_sync::budget::{Check, Device, window};
+use isocat_sync::budget::{Check, Device, Sign, window};
 use isocat_sync::explain::al_codes;
 use isocat_sync::{Moment, SyncSignal};
 use isocat_wire::AlStatusCode;
@@ -525,11 +525,27 @@ impl Case<'_> {
         }
         let Some(entry) = al_codes::explain(AlStatusCode(code)) else { return };
         self.causes.push(format!("AL status code 0x{code:04X}: {}", entry.means));
+        self.refusal_by_plan(AlStatusCode(code));
         if self.remedies.is_empty() {
             self.remedies.extend(entry.change.iter().map(|change| (*change).to_owned()));
         } else {
             self.remedies.push(format!("isocat explain 0x{code:04X} tells more of this code."));
         }
+    }
+}
+
+impl Case<'_> {
+    /// Looks for the line of the plan that predicts this refusal, and was run all the same.
+    fn refusal_by_plan(&mut self, code: AlStatusCode) {
+        let (Some(timing), Some(device)) = (self.timing, self.device) else { return };
+        let demands = Check::OF_DEVICE.into_iter().filter_map(|c| timing.demand(self.position, c));
+        let refused = Sign::Refusal(code);
+        let mut short = demands.filter(|demand| !demand.line().fits());
+        let Some(demand) = short.find(|demand| demand.sign(device.mode) == refused) else { return };
+        let line = demand.line();
+        let step = demand.step().map_or(String::new(), |step| format!("; its step is {step}"));
+        self.causes.push(format!("The plan had said so: {line}{step}."));
+        self.remedies.push(line.check.remedy().to_owned());
     }
 }
 

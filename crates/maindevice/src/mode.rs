@@ -247,6 +247,7 @@ pub(crate) fn demands(
         } else {
             minimum_cycle(&outputs, &inputs, assumed, &mut origins.minimum_cycle)
         },
+        sync_limits: assumed.sync_limits,
         output_calc_and_copy: stated(
             outputs.calc_and_copy_time,
             assumed.outputs_calc_and_copy,

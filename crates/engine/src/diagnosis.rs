@@ -25,6 +25,7 @@ use serde::Serialize;
 use crate::recording::cycle::{CycleSeen, acting};
 use crate::recording::series::Series;
 use crate::recording::{Recorded, RecordedDevice, Recording};
+use crate::report::Finding;
 use crate::{Report, watched};
 
 /// A fault of one SubDevice or of the segment.
@@ -96,6 +97,7 @@ pub fn diagnose(
         };
         // What is seen of a SubDevice while no frame reaches it follows from that.
         if !case.lost() {
+            case.silent_mailbox();
             case.lost_pulses();
             case.outputs();
             case.late();
@@ -129,7 +131,7 @@ pub fn diagnose(
     all
 }
 
-fn of_segment(finding: &crate::report::Finding, report: &Report) -> Diagnosis {
+fn of_segment(finding: &Finding, report: &Report) -> Diagnosis {
     let (causes, remedies): (&[&str], &[&str]) = match &finding.kind {
         Kind::Judged(Judged::CyclesSkipped { .. }) => (
             &["The machine that the MainDevice runs on came later than a whole cycle."],
@@ -231,6 +233,29 @@ impl Case<'_> {
     fn in_device(&self, line: &str) -> String {
         place::device(self.report, &self.report.devices[self.position], line)
     }
+    /// Looks for a mailbox that was silent when the device's mode was asked for.
+    fn silent_mailbox(&mut self) {
+        let mut own = self.report.findings.iter().filter(|f| f.position == Some(self.position));
+        let silent =
+            |finding: &Finding| matches!(finding.kind, Kind::Judged(Judged::ModeNotAsked { .. }));
+        if !own.any(silent) {
+            return;
+        }
+        self.causes.push(
+            "Its program does not look into the mailbox any more (SM0 stays full) or gives no answer (SM1 stays empty), while it \
+             goes on with process data."
+                .into(),
+        );
+        self.remedies.extend([
+            "Switch its power off and on: a mailbox that stalled in the device's program seldom comes back by itself.".to_owned(),
+            "Ask its maker for a firmware that serves the mailbox, if it stalls again.".to_owned(),
+            format!(
+                "To go on without it, give it the mode that it has: {}; its objects are not read then either.",
+                self.in_device("mode = \"free-run\"")
+            ),
+        ]);
+    }
+
     /// Looks for SYNC pulses that made no edge.
     fn lost_pulses(&mut self) {
         let mut own = self.report.findings.iter().filter(|f| f.position == Some(self.position));

@@ -14,7 +14,7 @@ use isocat_maindevice::segment::Timing;
 use isocat_maindevice::{Cause, Segment, SegmentChange};
 use isocat_segment::Scenario;
 use isocat_sim::{Judged, Kind};
-use isocat_sync::budget::{Check, Device, window};
+use isocat_sync::budget::{Check, Device, Sign, window};
 use isocat_sync::explain::al_codes;
 use isocat_sync::{Moment, SyncSignal};
 use isocat_wire::AlStatusCode;
@@ -26,6 +26,7 @@ use serde::Serialize;
 use crate::recording::cycle::{CycleSeen, acting};
 use crate::recording::series::Series;
 use crate::recording::{Recorded, RecordedDevice, Recording};
+use crate::report::Finding;
 use crate::{Report, watched};
 
 /// A fault of one SubDevice or of the segment.
@@ -98,6 +99,7 @@ pub fn diagnose(
         case.eeprom(segment);
         // What is seen of a SubDevice while no frame reaches it follows from that.
         if !case.lost() {
+            case.silent_mailbox();
             case.lost_pulses();
             case.outputs();
             case.late();
@@ -131,7 +133,7 @@ pub fn diagnose(
     all
 }
 
-fn of_segment(finding: &crate::report::Finding, report: &Report) -> Diagnosis {
+fn of_segment(finding: &Finding, report: &Report) -> Diagnosis {
     let (causes, remedies): (&[&str], &[&str]) = match &finding.kind {
         Kind::Judged(Judged::CyclesSkipped { .. }) => (
             &["The machine that the MainDevice runs on came later than a whole cycle."],
@@ -259,6 +261,29 @@ impl Case<'_> {
     fn in_device(&self, line: &str) -> String {
         place::device(self.report, &self.report.devices[self.position], line)
     }
+    /// Looks for a mailbox that was silent when the device's mode was asked for.
+    fn silent_mailbox(&mut self) {
+        let mut own = self.report.findings.iter().filter(|f| f.position == Some(self.position));
+        let silent =
+            |finding: &Finding| matches!(finding.kind, Kind::Judged(Judged::ModeNotAsked { .. }));
+        if !own.any(silent) {
+            return;
+        }
+        self.causes.push(
+            "Its program does not look into the mailbox any more (SM0 stays full) or gives no answer (SM1 stays empty), while it \
+             goes on with process data."
+                .into(),
+        );
+        self.remedies.extend([
+            "Switch its power off and on: a mailbox that stalled in the device's program seldom comes back by itself.".to_owned(),
+            "Ask its maker for a firmware that serves the mailbox, if it stalls again.".to_owned(),
+            format!(
+                "To go on without it, give it the mode that it has: {}; its objects are not read then either.",
+                self.in_device("mode = \"free-run\"")
+            ),
+        ]);
+    }
+
     /// Looks for SYNC pulses that made no edge.
     fn lost_pulses(&mut self) {
         let mut own = self.report.findings.iter().filter(|f| f.position == Some(self.position));
@@ -553,11 +578,27 @@ impl Case<'_> {
         }
         let Some(entry) = al_codes::explain(AlStatusCode(code)) else { return };
         self.causes.push(format!("AL status code 0x{code:04X}: {}", entry.means));
+        self.refusal_by_plan(AlStatusCode(code));
         if self.remedies.is_empty() {
             self.remedies.extend(entry.change.iter().map(|change| (*change).to_owned()));
         } else {
             self.remedies.push(format!("isocat explain 0x{code:04X} tells more of this code."));
         }
+    }
+}
+
+impl Case<'_> {
+    /// Looks for the line of the plan that predicts this refusal, and was run all the same.
+    fn refusal_by_plan(&mut self, code: AlStatusCode) {
+        let (Some(timing), Some(device)) = (self.timing, self.device) else { return };
+        let demands = Check::OF_DEVICE.into_iter().filter_map(|c| timing.demand(self.position, c));
+        let refused = Sign::Refusal(code);
+        let mut short = demands.filter(|demand| !demand.line().fits());
+        let Some(demand) = short.find(|demand| demand.sign(device.mode) == refused) else { return };
+        let line = demand.line();
+        let step = demand.step().map_or(String::new(), |step| format!("; its step is {step}"));
+        self.causes.push(format!("The plan had said so: {line}{step}."));
+        self.remedies.push(line.check.remedy().to_owned());
     }
 }
 

@@ -239,6 +239,12 @@ impl Engine {
                 verdict.add(Place::device(position), None, Judged::DriveNotEnabled);
             }
         }
+        for device in main.segment().devices.iter().filter(|device| device.admitted) {
+            if let Some(object) = device.mode_not_asked {
+                let place = Place::device(device.position);
+                verdict.add(place, None, Judged::ModeNotAsked { object });
+            }
+        }
         gap::out_of_sight(main, &mut verdict);
         verdict.sort();
         verdict

@@ -4,7 +4,7 @@ use alloc::boxed::Box;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use isocat_sync::budget::Limits;
+use isocat_sync::budget::{Limits, SyncLimits};
 use isocat_sync::phase::Direction;
 use isocat_sync::{SyncMode, SyncSignal};
 use isocat_wire::address::ObjectAddress;
@@ -532,6 +532,8 @@ pub struct AssumedTimes {
     pub outputs_spread: Option<Nanos>,
     /// What ends the pulses of its SYNC signals. No object states it.
     pub sync_signal: SyncSignal,
+    /// Limits of its SYNC unit's cycles beside 0x1C32:05. No object states them.
+    pub sync_limits: SyncLimits,
 }
 
 /// Times that a device measured itself, on command of 0x1C32:08 and 0x1C33:08. `None`: not

@@ -15,6 +15,7 @@ use isocat_wire::time::Nanos;
 use crate::config::{AssumedTimes, Config, DeviceConfig, MeasuredTimes};
 use crate::error::Cause;
 use crate::segment::{SubDevice, SyncObject};
+use crate::service::is_silence;
 use crate::{sync, times};
 
 /// Chooses the mode of a SubDevice by configuration, announcement (sub-index 04) and clock, and
@@ -57,6 +58,8 @@ pub(crate) fn choose(
         }
     };
     device.mode = mode;
+    let asked = announced.is_some() || wish.is_some_and(|wish| wish.mode.is_some());
+    device.mode_not_asked = if asked { None } else { silent_object(device) };
     let refused =
         |device: &SubDevice, reason| Cause::Mode { place: device.place(), wish: mode, reason };
     device.every = every(mode, config, wish).map_err(|reason| refused(device, reason))?;
@@ -162,6 +165,21 @@ fn announced(device: &SubDevice) -> Option<SupportedTypes> {
     }
 }
 
+/// The sync object of a direction in use whose reading met a silent mailbox.
+fn silent_object(device: &SubDevice) -> Option<ObjectAddress> {
+    let used = |index| match index {
+        OUTPUT_PARAMETER => device.outputs.length > 0,
+        INPUT_PARAMETER => device.inputs.length > 0,
+        _ => false,
+    };
+    device.substitutes.iter().find_map(|substitute| match &substitute.cause {
+        Cause::Sdo { object, .. } if used(object.index) && is_silence(&substitute.cause) => {
+            Some(*object)
+        }
+        _ => None,
+    })
+}
+
 /// Why a mode is not possible. A device that announces nothing is assumed to support the requested
 /// mode.
 fn allowed(
@@ -247,6 +265,7 @@ pub(crate) fn demands(
         } else {
             minimum_cycle(&outputs, &inputs, assumed, &mut origins.minimum_cycle)
         },
+        sync_limits: assumed.sync_limits,
         output_calc_and_copy: stated(
             outputs.calc_and_copy_time,
             assumed.outputs_calc_and_copy,
@@ -352,8 +371,10 @@ const UNKNOWN_MODES: &str = "no direction with process data tells its modes (0x1
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::error::{MailboxError, SdoError};
     use crate::segment::DcCapability;
-    use isocat_wire::StationAddress;
+    use crate::service::Service;
+    use isocat_wire::{AbortCode, StationAddress};
 
     /// A drive with both sync objects: announces `types`, minimum cycle 250 us.
     pub(crate) fn drive(outputs: u16, inputs: u16) -> SubDevice {
@@ -398,6 +419,31 @@ pub(crate) mod tests {
     fn a_wish_that_is_not_announced_is_refused() {
         let refused = chosen(drive(0x4001, 0x4001), 1_000_000, Some(wish(SyncMode::DcSync0)));
         assert!(matches!(refused, Err(Cause::Mode { wish: SyncMode::DcSync0, .. })), "{refused:?}");
+    }
+
+    /// Tests a device without sync objects, by what it answered instead, and the same one with a
+    /// configured mode.
+    #[test]
+    fn free_run_of_a_silent_mailbox_is_no_choice() {
+        let of = |error: SdoError, index, wish: Option<DeviceConfig>| {
+            let mut device = drive(0, 0);
+            (device.output_sync, device.input_sync) = (None, None);
+            let object = ObjectAddress::new(index, 0);
+            let cause = Cause::Sdo { place: device.place(), object, error };
+            device.do_without(Service::SyncEntry, cause).unwrap();
+            choose(&mut device, &Config::new(Nanos::millis(1)), wish.as_ref()).unwrap();
+            assert_eq!(device.mode, SyncMode::FreeRun);
+            device.mode_not_asked
+        };
+        let after = Nanos::millis(2_000);
+        let full = || SdoError::Mailbox(MailboxError::Full { after });
+        let silent = SdoError::Mailbox(MailboxError::NoAnswer { after });
+        let object = Some(ObjectAddress::new(OUTPUT_PARAMETER, 0));
+        assert_eq!(of(full(), OUTPUT_PARAMETER, None), object);
+        assert_eq!(of(silent, OUTPUT_PARAMETER, None), object);
+        assert_eq!(of(SdoError::Abort(AbortCode(0x0602_0000)), OUTPUT_PARAMETER, None), None);
+        assert_eq!(of(full(), 0x1C00, None), None);
+        assert_eq!(of(full(), OUTPUT_PARAMETER, Some(wish(SyncMode::FreeRun))), None);
     }
 
     /// Tests 0x1C32:06 equal to :05, and a nanosecond above it.

@@ -16,7 +16,7 @@ use isocat_wire::dc::{AssignActivate, DifferencePolarity};
 use isocat_wire::dl::DlStatus;
 use isocat_wire::sii::{self, PdoEntryRecord, PdoRecord, SmRecord};
 use isocat_wire::time::{Dc, Nanos, Time};
-use isocat_wire::{AbortCode, Command, PortNumber, StationAddress};
+use isocat_wire::{AbortCode, Command, ObjectAddress, PortNumber, StationAddress};
 
 pub use crate::dc::DcCapability;
 use crate::error::{Error, Place};
@@ -168,6 +168,10 @@ pub struct SubDevice {
     pub mode: SyncMode,
     /// Why it is not a higher mode, in words; empty if the mode was configured or is the highest.
     pub mode_reason: String,
+    /// The object that should have told its modes, where the device's mailbox took no request for
+    /// it or gave no answer: that it is in Free Run is then no choice. `None`: it answered, or the
+    /// mode was configured.
+    pub mode_not_asked: Option<ObjectAddress>,
     /// SYNC unit as programmed and verified; `None` in modes without SYNC.
     pub sync: Option<SyncSetting>,
     /// The SYNC pulses that its mode asks for.
@@ -596,6 +600,7 @@ impl SubDevice {
             unit: None,
             every: 1,
             mode_reason: String::new(),
+            mode_not_asked: None,
             sync: None,
             admitted: true,
             al_status: AlStatus(0),

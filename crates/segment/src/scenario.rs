@@ -20,7 +20,7 @@ use isocat_subdevice::description::ProcessDataArea;
 use isocat_subdevice::drive::Drive;
 use isocat_subdevice::{IoOf, MAX_PROCESS_DATA};
 use isocat_sync::SyncSignal;
-use isocat_sync::budget::Limits;
+use isocat_sync::budget::{Limits, SyncLimits};
 use isocat_wire::time::{Nanos, Time};
 
 use crate::profile::{self, ApplicationKind, CLOCK_TOLERANCE, Profile};
@@ -276,6 +276,7 @@ fn device_config(device: &SubDevice, cycle: Nanos) -> DeviceConfig {
         outputs_delay: Some(times.application),
         outputs_spread: Some(outputs_spread(profile)),
         sync_signal: sync_signal(profile),
+        sync_limits: sync_limits(profile),
         inputs_calc_and_copy: Some(copy_inputs),
         ..AssumedTimes::default()
     };
@@ -331,6 +332,19 @@ fn sync_signal(profile: &Profile) -> SyncSignal {
     match profile.pulse() {
         Nanos::ZERO => SyncSignal::Acknowledged(profile.times.acknowledge),
         length => SyncSignal::Pulse(length),
+    }
+}
+
+/// The cycles that its SYNC unit takes. A simple device without SYNC0 looks at no register of it.
+fn sync_limits(profile: &Profile) -> SyncLimits {
+    if !profile.has_mailbox() && !profile.supported_types().dc_sync0() {
+        return SyncLimits::default();
+    }
+    let behaviour = &profile.description.behaviour;
+    let some = |time: Nanos| Some(time).filter(|time| *time > Nanos::ZERO);
+    SyncLimits {
+        longest: some(behaviour.maximum_cycle_time),
+        step: some(behaviour.cycle_granularity),
     }
 }
 

@@ -138,6 +138,12 @@ kinds! {
         },
         /// SYNC0 is configured but never came.
         NoSync0 = "no-sync0",
+        /// The SubDevice's mailbox was silent on the way up, so that it could not be asked for its
+        /// mode; it runs in Free Run, which nobody chose.
+        ModeNotAsked = "mode-not-asked" {
+            /// The object that was asked for.
+            object: ObjectAddress,
+        },
         /// SYNC0 is on the grid without any spread, which is impossible for a controlled clock: the
         /// measurement is wrong.
         Sync0WithoutSpread = "sync0-without-spread",

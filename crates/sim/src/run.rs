@@ -542,6 +542,9 @@ impl<T: Tap> Outcome<T> {
         let esc = &self.world.segment().devices()[position].esc;
         let lost = Judged::sync_still_active(&bench.lost_pulses, esc);
         findings.extend(lost.map(|(at, kind)| (Some(at), kind)));
+        let known = &devices[position];
+        let not_asked = known.mode_not_asked.filter(|_| known.admitted);
+        findings.extend(not_asked.map(|object| (None, Judged::ModeNotAsked { object })));
         if let Some(first) = bench.missed.first() {
             let outputs = self.world.segment().devices()[position].stack.sync().has_outputs();
             let count = bench.missed.count();

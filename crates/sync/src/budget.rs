@@ -78,6 +78,16 @@ impl Default for Limits {
     }
 }
 
+/// The limits of a SYNC unit's cycles that no object states: a device tells them only by its
+/// refusal of SAFEOP. `None`: no limit.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct SyncLimits {
+    /// The longest time that it takes in 0x09A0 and 0x09A4; more than 0.
+    pub longest: Option<Nanos>,
+    /// 0x09A0 must be a multiple of this; more than 0.
+    pub step: Option<Nanos>,
+}
+
 /// The figures of one SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Device {
@@ -112,6 +122,8 @@ pub struct Device {
     pub watchdog: Option<Nanos>,
     /// The larger of 0x1C32:05 and 0x1C33:05.
     pub minimum_cycle: Nanos,
+    /// The cycles of SYNC0 that it takes beside its minimum.
+    pub sync_limits: SyncLimits,
     /// 0x1C32:06.
     pub output_calc_and_copy: Nanos,
     /// 0x1C32:09.

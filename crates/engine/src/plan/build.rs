@@ -70,8 +70,11 @@ impl Plan {
             let others =
                 if more > 0 { format!("; {more} more lines below") } else { String::new() };
             let (needed, has) = (line.needed, line.available);
+            // The sum does not tell what goes into it several times.
+            let step =
+                tightest.step().map_or(String::new(), |step| format!("; its step is {step}"));
             return format!(
-                "Does not fit, because {place} needs {needed} and has {has}, slack {slack}: {words}{others}."
+                "Does not fit, because {place} needs {needed} and has {has}, slack {slack}: {words}{step}{others}."
             );
         }
         let how = if assumed { "Fits with assumptions" } else { "Fits" };

@@ -303,7 +303,7 @@ pub struct Suggestion {
     pub own_cycles: Vec<OwnCycle>,
     /// Whether the segment file has a shift, which that cycle leaves to the plan.
     pub drops_shift: bool,
-    /// The cycles that were tried; null if there is none that the OpModes of all SubDevices take.
+    /// The cycles that were tried; null if there is none that all SubDevices take.
     pub cycles: Option<TriedCycles>,
 }
 
@@ -317,7 +317,7 @@ pub struct OwnCycle {
     pub cycle_ns: i64,
 }
 
-/// Cycles that were tried: multiples of a step within a range, which the OpModes may narrow.
+/// Cycles that were tried: multiples of a step within a range, which SubDevices may narrow.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
 pub struct TriedCycles {

@@ -3,7 +3,7 @@
 use isocat_maindevice::Config;
 use isocat_segment::Scenario;
 use isocat_sync::SyncMode;
-use isocat_sync::budget::common_window;
+use isocat_sync::budget::{self, SyncLimits, common_window};
 use isocat_sync::object::ShiftBy;
 use isocat_sync::opmode::BusCycles;
 use isocat_wire::frame;
@@ -71,9 +71,9 @@ pub fn suggest(plan: &Plan, scenario: &Scenario) -> Suggestion {
     }
 }
 
-/// The cycles up to a second that the OpMode of every device takes, and that every SYNC0 cycle
-/// divides which the file or the device fixes. Of those that are nearer to each other than a
-/// microsecond, its multiples are tried. `None`: there are none.
+/// The cycles up to a second that the OpMode and the SYNC unit of every device take, and that every
+/// SYNC0 cycle divides which the file or the device fixes. Of those that are nearer to each other
+/// than a microsecond, its multiples are tried. `None`: there are none.
 fn cycles(plan: &Plan, scenario: &Scenario) -> Option<BusCycles> {
     let all = BusCycles { most: LONGEST, ..BusCycles::ANY };
     let planned = plan.timing().devices.iter().map(|(device, _)| device);
@@ -89,11 +89,42 @@ fn cycles(plan: &Plan, scenario: &Scenario) -> Option<BusCycles> {
             None => Some(planned.pulses.sync0_cycle)
                 .filter(|_| planned.mode == SyncMode::DcSubordinated),
         };
-        common(common(all, taken)?, multiples(fixed.unwrap_or(Nanos(1))))
+        let own = planned.exchange(&plan.timing().cycle);
+        let limited = at_bus(limited(planned, own, fixed)?, times);
+        let taken = common(common(all, taken)?, limited)?;
+        common(taken, multiples(fixed.unwrap_or(Nanos(1))))
     })?;
     match taken.step < MICROSECOND {
         true => common(taken, multiples(MICROSECOND)).or(Some(taken)),
         false => Some(taken),
+    }
+}
+
+/// The cycles of its exchange that the limits of its SYNC unit leave a device, whose exchange now
+/// has the cycle `own`. `fixed` is a SYNC0 cycle that stays as it is at any other. `None`: there
+/// are none.
+fn limited(device: &budget::Device, own: Nanos, fixed: Option<Nanos>) -> Option<BusCycles> {
+    let SyncLimits { longest, step } = device.sync_limits;
+    let (longest, step) = (longest.unwrap_or(BusCycles::ANY.most), step.unwrap_or(Nanos(1)));
+    if !device.mode.uses_dc() || device.sync_limits == SyncLimits::default() {
+        return Some(BusCycles::ANY);
+    }
+    let up_to = |most: i64| Nanos(most.min(BusCycles::ANY.most.0));
+    if device.mode != SyncMode::DcSubordinated {
+        return common(multiples(step), BusCycles { most: up_to(longest.0), ..BusCycles::ANY });
+    }
+    // SYNC1 counts from the first SYNC0 of the cycle.
+    let behind = device.pulses.behind_sync0();
+    let of_sync1 = longest - behind;
+    match fixed {
+        Some(sync0) if sync0 > longest || sync0.0 % step.0 != 0 => None,
+        Some(sync0) => Some(BusCycles { most: up_to((of_sync1 + sync0).0), ..BusCycles::ANY }),
+        None => {
+            let count = own.0.checked_div(device.pulses.sync0_cycle.0).unwrap_or(1).max(2);
+            let most = (longest.0 * count).min(of_sync1.0 * count / (count - 1));
+            let step = Nanos(step.0.checked_mul(count)?);
+            common(multiples(step), BusCycles { most: up_to(most), ..BusCycles::ANY })
+        }
     }
 }
 

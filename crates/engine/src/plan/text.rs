@@ -285,7 +285,7 @@ impl Suggestion {
     /// is none.
     pub fn smallest_cycle(&self) -> String {
         let Some(tried) = &self.cycles else {
-            return "no cycle up to 1 s suits the OpModes of all devices".to_owned();
+            return "no cycle up to 1 s suits all devices".to_owned();
         };
         let (step, least, most) = (tried.step_ns, tried.least_ns, tried.most_ns);
         let range = format!("{} to {}", Nanos(least), Nanos(most));
@@ -294,16 +294,16 @@ impl Suggestion {
         let Some(cycle) = self.smallest_cycle_ns else {
             return match (only, narrowed) {
                 (true, _) => {
-                    format!("the OpModes take a cycle of {} only, which does not fit", Nanos(least))
+                    format!("the devices take a cycle of {} only, which does not fit", Nanos(least))
                 }
-                (_, true) => format!("no cycle of {range} fits, and the OpModes take no others"),
+                (_, true) => format!("no cycle of {range} fits, and the devices take no others"),
                 _ => "no cycle up to 1 s fits".to_owned(),
             };
         };
         let (cycle, step) = (Nanos(cycle), Nanos(step));
         let mut text = match (only, narrowed) {
-            (true, _) => format!("{cycle}, the only one that the OpModes take"),
-            (_, true) => format!("{cycle}, in steps of {step}; the OpModes take {range}"),
+            (true, _) => format!("{cycle}, the only one that the devices take"),
+            (_, true) => format!("{cycle}, in steps of {step}; the devices take {range}"),
             _ => format!("{cycle}, in steps of {step}"),
         };
         if self.drops_shift {

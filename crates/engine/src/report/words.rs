@@ -104,6 +104,10 @@ fn judged(kind: &Judged, family: Family) -> String {
             format!("{lost} made no edge: {why}")
         }
         Judged::NoSync0 => "no SYNC0 pulse at all".into(),
+        Judged::ModeNotAsked { object } => format!(
+            "its mailbox does not answer ({object}), so that it could not be asked for its mode; \
+             it is in Free Run, which nobody chose"
+        ),
         Judged::Sync0WithoutSpread => "SYNC0 without any spread: too good to be measured".into(),
         Judged::OutputsUneven { spread, limit } => {
             let (spread, limit) = (us(*spread), us(*limit));

@@ -79,6 +79,30 @@ fn a_mailbox_is_stuck() {
     ));
 }
 
+/// A device that can't be asked for its mode is in Free Run by nobody's choice; one whose mode the
+/// file gives is asked for nothing.
+#[test]
+fn free_run_behind_a_silent_mailbox_is_no_choice() {
+    let run = |keys: &str, fault: &str| {
+        let text = format!(
+            "cycle = \"2ms\"\nfor = \"100ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\
+             [[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nname = \"mute\"\n{keys}{fault}"
+        );
+        let file = isocat::SegmentFile::parse("mute.toml", &text).unwrap();
+        isocat::run(&isocat::Scenario::from(file))
+    };
+    let fault = "[[fault]]\nat = \"10ms\"\nwhat = \"stuck-mailbox mute\"\n";
+    let silent = run("", fault);
+    let kinds: Vec<_> = silent.findings.iter().map(|f| (f.position, f.kind.name())).collect();
+    assert_eq!(kinds, [(Some(1), "mode-not-asked")]);
+    let verdict = &silent.verdict;
+    assert!(verdict.starts_with("Not in sync: SubDevice 1 (mute): its mailbox"), "{verdict}");
+    let asked_for = run("mode = \"free-run\"\n", fault);
+    assert!(asked_for.in_sync, "{}", asked_for.verdict);
+    assert!(asked_for.verdict.contains("1 in Free Run as announced or asked for"));
+    assert!(run("", "").in_sync);
+}
+
 /// SYNC0 stops at once; the device says so when its time is over (0x002C).
 #[test]
 fn a_sync_unit_is_switched_off() {

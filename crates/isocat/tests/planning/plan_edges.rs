@@ -5,7 +5,7 @@
 //! then left between plan and truth are ticks of 10 ns; the first run measures it, and the plan
 //! gets it as its clock error.
 
-use isocat::plan::{Plan, proof};
+use isocat::plan::{Plan, proof, suggest};
 use isocat::profile::{Overrides, Profile};
 use isocat::{Nanos, Scenario, SegmentFile};
 use isocat_sim::HostModel;
@@ -334,6 +334,66 @@ fn a_sync0_cycle_as_short_as_the_device_can() {
         let own = 1_000_000 + more;
         scenario(SYNC0, &[minimum(own), minimum(own)])
     });
+}
+
+/// The device refuses by its own limits, of which the plan knows the same keys and no formula. With
+/// subordinated cycles SYNC0 is short enough, and the time up to SYNC1 is not.
+#[test]
+fn a_sync_cycle_as_long_as_the_device_takes() {
+    let quarter = "mode = \"dc-subordinated\"\nsync0_cycle = \"250us\"\n";
+    for (keys, longest) in [(SYNC0, 1_000_000), (SHIFT_SYNC1, 1_000_000), (quarter, 750_000)] {
+        edge(Check::LongestSyncCycle, 1, |more| {
+            scenario(keys, &[behaviour("maximum_cycle_time", longest - more)])
+        });
+    }
+}
+
+/// A SYNC0 cycle of one step and of four, and steps that are a nanosecond longer.
+#[test]
+fn a_sync0_cycle_in_steps_of_the_device() {
+    for step in [1_000_000, 250_000] {
+        let at = |more| scenario(SYNC0, &[behaviour("cycle_granularity", step + more)]);
+        let plan = |more| {
+            let plan = Plan::of(&at(more)).expect("a plan");
+            let demand = plan.timing().demand(0, Check::Sync0InSteps).expect("a line");
+            (demand.slack().0, plan.report(&at(more)).verdict)
+        };
+        assert_eq!(plan(0).0, 0);
+        let (slack, verdict) = plan(1);
+        assert!(slack < 0 && verdict.contains(&format!("its step is {}", Nanos(step + 1))));
+        let (exact, short) = (look(&at(0), Check::Sync0InSteps), look(&at(1), Check::Sync0InSteps));
+        assert!(exact.in_sync && !short.in_sync, "{}", exact.findings);
+        assert_eq!(short.status, 0x0035, "{}", short.findings);
+    }
+}
+
+/// Cycles that are tried: step and longest; and the smallest that fits.
+#[test]
+fn a_suggestion_keeps_to_what_the_sync_unit_takes() {
+    let found = |keys, key, ns| {
+        let scenario = scenario(keys, &[behaviour(key, ns)]);
+        let found = suggest::suggest(&Plan::of(&scenario).expect("a plan"), &scenario);
+        let tried = found.cycles.as_ref().expect("cycles");
+        (found.smallest_cycle_ns, tried.step_ns, tried.most_ns)
+    };
+    let (smallest, step, _) = found(SYNC0, "cycle_granularity", 750_000);
+    assert_eq!((smallest, step), (Some(750_000), 750_000));
+    let (smallest, step, most) = found(SYNC0, "maximum_cycle_time", 900_999);
+    assert!(smallest.is_some_and(|smallest| smallest <= 900_000));
+    assert_eq!((step, most), (1_000, 900_000));
+    // SYNC1 comes a SYNC0 cycle less than the bus cycle behind its SYNC0.
+    let (_, step, most) = found(SUBORDINATED, "maximum_cycle_time", 1_000_000);
+    assert_eq!((step, most), (500_000, 1_500_000));
+    let (_, _, most) = found(SUBORDINATED, "maximum_cycle_time", 999_999);
+    assert_eq!(most, 1_000_000);
+    // What the fixed SYNC0 is no multiple of helps at no bus cycle.
+    let never = scenario(SUBORDINATED, &[behaviour("cycle_granularity", 300_000)]);
+    let found = suggest::suggest(&Plan::of(&never).expect("a plan"), &never);
+    assert!(found.cycles.is_none() && found.smallest_cycle_ns.is_none());
+}
+
+fn behaviour(key: &str, ns: i64) -> (&'static str, String) {
+    ("[behaviour]\n", format!("[behaviour]\n{key} = \"{ns}ns\"\n"))
 }
 
 /// Frames that fill the cycle but for one acyclic frame. A nanosecond less, and the acyclic ones of

@@ -100,7 +100,7 @@ fn a_fixed_sync0_allows_its_own_cycle_only() {
     let text = fixed.segment("2ms", "opmode = \"DC\"");
     let (found, after) = played(&text);
     assert_eq!(figures(&found), (2_000_000, [2_000_000, 2_000_000, 2_000_000]));
-    assert_eq!(found.smallest_cycle(), "2 ms, the only one that the OpModes take");
+    assert_eq!(found.smallest_cycle(), "2 ms, the only one that the devices take");
     in_sync(&after);
 
     // Any other cycle is refused with the way out.
@@ -193,7 +193,7 @@ fn a_distance_of_sync1_is_a_lower_bound() {
     assert_eq!(tried, [1_000, 801_000, 1_000_000_000]);
     assert!(smallest >= 801_000, "{smallest}");
     assert!(
-        found.smallest_cycle().contains("; the OpModes take 801 us to 1 s"),
+        found.smallest_cycle().contains("; the devices take 801 us to 1 s"),
         "{}",
         found.smallest_cycle()
     );

@@ -14,6 +14,10 @@ pub enum Check {
     FramesInCycle,
     /// The cycle is not shorter than the SubDevice's minimum.
     MinimumCycle,
+    /// The SYNC cycles are not longer than the SubDevice takes.
+    LongestSyncCycle,
+    /// The SYNC0 cycle is a multiple of the SubDevice's step.
+    Sync0InSteps,
     /// Outputs are copied and calculated before the pulse that lets them act.
     OutputsBeforeSync0,
     /// Outputs are stored before the SYNC0 that fetches them.
@@ -76,8 +80,10 @@ pub enum Sign {
 
 impl Check {
     /// The demands of one SubDevice, in the order of its cycle.
-    pub const OF_DEVICE: [Check; 14] = [
+    pub const OF_DEVICE: [Check; 16] = [
         Self::MinimumCycle,
+        Self::LongestSyncCycle,
+        Self::Sync0InSteps,
         Self::OutputsStoredBeforeSync0,
         Self::Sync1CoversCopy,
         Self::OutputsBeforeSync0,
@@ -93,10 +99,16 @@ impl Check {
         Self::OutputsSpreadWithinLimit,
     ];
 
-    /// Whether it is about time in the cycle, and not about the limits of synchronization. Its
-    /// slack then tells how much later an event may be.
+    /// Whether it is about time in the cycle, and not about the limits of synchronization or of a
+    /// SYNC unit. Its slack then tells how much later an event may be.
     pub const fn is_of_cycle(self) -> bool {
-        !matches!(self, Self::Sync0WithinLimit | Self::OutputsSpreadWithinLimit)
+        !matches!(
+            self,
+            Self::Sync0WithinLimit
+                | Self::OutputsSpreadWithinLimit
+                | Self::LongestSyncCycle
+                | Self::Sync0InSteps
+        )
     }
 
     /// What helps if the demand is not met.
@@ -106,6 +118,10 @@ impl Check {
                 "a longer cycle, fewer bytes, or slower cycles for devices that need no faster"
             }
             Self::MinimumCycle => "a longer cycle, or another mode",
+            Self::LongestSyncCycle => "a shorter cycle, or another mode",
+            Self::Sync0InSteps => {
+                "a SYNC0 cycle that is a multiple of the device's step, or another mode"
+            }
             Self::OutputsBeforeSync0
             | Self::OutputsStoredBeforeSync0
             | Self::InputsReadBeforeSync0 => {
@@ -137,6 +153,8 @@ impl Check {
         match self {
             Self::FramesInCycle => "frames-in-cycle",
             Self::MinimumCycle => "minimum-cycle",
+            Self::LongestSyncCycle => "longest-sync-cycle",
+            Self::Sync0InSteps => "sync0-in-steps",
             Self::OutputsBeforeSync0 => "outputs-before-sync0",
             Self::OutputsStoredBeforeSync0 => "outputs-stored-before-sync0",
             Self::InputsReadBeforeSync0 => "inputs-read-before-sync0",
@@ -163,6 +181,9 @@ impl Check {
             }
             Self::Sync0FallsInCycle => {
                 return Some(Source::Register(register::SYNC_PULSE_LENGTH.address));
+            }
+            Self::LongestSyncCycle | Self::Sync0InSteps => {
+                return Some(Source::Register(register::SYNC0_CYCLE.address));
             }
             Self::Sync0WithinLimit => {
                 return Some(Source::Register(register::SYSTEM_TIME_DIFFERENCE.address));
@@ -192,6 +213,12 @@ impl Check {
                 "inputs read (SM3) + send jitter + clock error <= SYNC0 that counts the reads"
             }
             Self::MinimumCycle => "minimum cycle time (plus send jitter in SM mode) <= cycle",
+            Self::LongestSyncCycle => {
+                "SYNC cycle <= longest one that the device takes (maximum_cycle_time)"
+            }
+            Self::Sync0InSteps => {
+                "SYNC0 cycle rounded up to a multiple of the device's step (cycle_granularity) <= SYNC0 cycle"
+            }
             Self::OutputsBeforeSync0 => {
                 "outputs stored + send jitter + clock error + calc and copy time <= SYNC0"
             }
@@ -226,6 +253,8 @@ impl Check {
         match self {
             Self::FramesInCycle => Sign::Judge("frames on their phase"),
             Self::MinimumCycle if mode.uses_dc() => Sign::Refusal(AlStatusCode::DC_SYNC0_CYCLE),
+            Self::LongestSyncCycle => Sign::Refusal(AlStatusCode::DC_SYNC0_CYCLE),
+            Self::Sync0InSteps => Sign::Refusal(AlStatusCode::DC_INVALID_SYNC_CYCLE),
             Self::MinimumCycle | Self::OutputsValidInCycle => output(sub::CYCLE_TIME_TOO_SMALL),
             Self::OutputsBeforeSync0 => output(sub::SM_EVENT_MISSED),
             // The device fetches the outputs of the previous cycle and cannot tell, since they are

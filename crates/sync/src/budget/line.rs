@@ -5,10 +5,10 @@ use core::fmt;
 use isocat_wire::time::Nanos;
 use isocat_wire::{AlStatusCode, frame};
 
-use super::term::{Origin, Quantity, Sum};
+use super::term::{Origin, Quantity, Sum, Term};
 use super::{Check, Cycle, Device, Sign, USUAL_DEVIATION_PPB, clocks};
 use crate::mode::SyncMode;
-use crate::pulses::SyncSignal;
+use crate::pulses::{Pulses, SyncSignal};
 
 /// One line of the budget.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -65,6 +65,12 @@ impl Demand {
         self.line().slack()
     }
 
+    /// The step of which the cycle must be a multiple, where the demand is about one.
+    pub fn step(&self) -> Option<Nanos> {
+        let step = |term: &Term| term.quantity == Quantity::CycleStep;
+        self.needed.terms().find(step).map(|term| term.value)
+    }
+
     /// The sign that the demand is not met in a SubDevice of this mode.
     pub fn sign(&self, mode: SyncMode) -> Sign {
         let own = self.needed.terms().find(|term| term.quantity == Quantity::MinimumCycle);
@@ -72,6 +78,12 @@ impl Demand {
             // The device can refuse this cycle as soon as it is told of it.
             Some(own) if !mode.uses_dc() && own.value > self.available.total() => {
                 Sign::Refusal(AlStatusCode::CYCLE_TIME_TOO_SMALL)
+            }
+            // SYNC0 itself is short enough.
+            None if self.check == Check::LongestSyncCycle
+                && self.needed.terms().any(|term| term.quantity == Quantity::Sync1) =>
+            {
+                Sign::Refusal(AlStatusCode::DC_SYNC1_CYCLE)
             }
             _ => self.check.sign(mode),
         }
@@ -141,6 +153,8 @@ pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check)
         Check::MinimumCycle if mode != SyncMode::FreeRun || device.minimum_cycle > Nanos::ZERO => {
             minimum_cycle(cycle, device)
         }
+        Check::LongestSyncCycle if mode.uses_dc() => longest_sync_cycle(device)?,
+        Check::Sync0InSteps if mode.uses_dc() => sync0_in_steps(device)?,
         Check::OutputsBeforeSync0 if mode.uses_dc() && mode != SyncMode::DcSync1 => {
             outputs_ready(cycle, shift, device)?
         }
@@ -233,6 +247,30 @@ fn minimum_cycle(cycle: &Cycle, device: &Device) -> (Sum, Sum) {
             (needed, available)
         }
     }
+}
+
+/// A SYNC unit has two times: of SYNC0, and up to SYNC1. The longer one counts, but SYNC1 is looked
+/// at only where SYNC0 is short enough.
+fn longest_sync_cycle(device: &Device) -> Option<(Sum, Sum)> {
+    let longest = device.sync_limits.longest?;
+    let Pulses { sync0_cycle, sync1, .. } = device.pulses;
+    let needed = match sync0_cycle <= longest && sync1 > sync0_cycle {
+        true => Sum::default().and(Quantity::Sync1, sync1, device.origins.sync1),
+        false => self::sync0_cycle(device),
+    };
+    Some((needed, Sum::default().and(Quantity::LongestCycle, longest, Origin::Profile)))
+}
+
+/// The last step has a figure of its own, so that it is named whether the cycle fits or not.
+fn sync0_in_steps(device: &Device) -> Option<(Sum, Sum)> {
+    let step = device.sync_limits.step?;
+    let cycle = device.pulses.sync0_cycle.0;
+    let whole = cycle.checked_div(step.0)?;
+    let before = if whole * step.0 == cycle { whole - 1 } else { whole };
+    let needed = Sum::default()
+        .if_any(Quantity::StepsBefore, Nanos(before.max(0) * step.0), Origin::Profile)
+        .and(Quantity::CycleStep, step, Origin::Profile);
+    Some((needed, sync0_cycle(device)))
 }
 
 fn sync0_cycle(device: &Device) -> Sum {

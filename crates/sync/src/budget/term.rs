@@ -151,6 +151,12 @@ pub enum Quantity {
     Sync0Cycle,
     /// Minimum cycle time.
     MinimumCycle,
+    /// Longest SYNC cycle.
+    LongestCycle,
+    /// Whole steps of the SYNC0 cycle before the last one.
+    StepsBefore,
+    /// The step of which a SYNC0 cycle must be a multiple.
+    CycleStep,
     /// Phase of the pulse at which outputs act.
     ActingPulse,
     /// Distance of the pulse that counts here before the acting one.
@@ -210,6 +216,9 @@ impl Quantity {
             Self::RingWay => "another way through the ring",
             Self::Sync0Cycle => "SYNC0 cycle",
             Self::MinimumCycle => "minimum cycle",
+            Self::LongestCycle => "longest cycle",
+            Self::StepsBefore => "steps before the last",
+            Self::CycleStep => "step of the device",
             Self::ActingPulse => "acting pulse",
             Self::Lead => "pulse before the acting one",
             Self::Sync1 => "SYNC0 to SYNC1",

@@ -1,4 +1,5 @@
 use super::*;
+use isocat_wire::AlStatusCode;
 use std::string::ToString;
 
 const CYCLE: Cycle = Cycle {
@@ -26,6 +27,7 @@ fn drive() -> Device {
         inputs_read: Some(Nanos(12_345)),
         watchdog: None,
         minimum_cycle: Nanos(250_000),
+        sync_limits: SyncLimits::default(),
         output_calc_and_copy: Nanos(60_000),
         output_delay: Nanos(30_000),
         output_shift: None,
@@ -445,4 +447,66 @@ fn what_acknowledges_counts_by_its_own_clock() {
     let device = Device { sync_signal: SyncSignal::Acknowledged(Nanos(400_000)), ..drive() };
     let demand = demand(&CYCLE, Nanos(500_000), &device, Check::Sync0FallsInCycle).unwrap();
     assert_eq!(demand.needed.total(), Nanos(400_000 + 40 + 10 + 100));
+}
+
+/// The longest SYNC0 cycle that a device takes, and a nanosecond more. No line without a limit, and
+/// none without SYNC0.
+#[test]
+fn a_sync_cycle_as_long_as_the_device_takes() {
+    let limits = |longest| SyncLimits { longest: Some(Nanos(longest)), step: None };
+    let device = |longest| Device { sync_limits: limits(longest), ..drive() };
+    let check = Check::LongestSyncCycle;
+    assert_eq!(slack(&CYCLE, 500_000, &device(1_000_000), check), 0);
+    assert_eq!(slack(&CYCLE, 500_000, &device(999_999), check), -1);
+    let refused = demand(&CYCLE, Nanos(500_000), &device(999_999), check).unwrap();
+    let sign = refused.sign(SyncMode::DcSync0);
+    assert_eq!(sign, Sign::Refusal(AlStatusCode::DC_SYNC0_CYCLE));
+    assert_eq!(budget(&CYCLE, Nanos(500_000), &drive()).line(check), None);
+    let sm = Device { mode: SyncMode::SmSynchronous, ..device(1) };
+    assert_eq!(budget(&CYCLE, Nanos(500_000), &sm).line(check), None);
+}
+
+/// SYNC0 is short enough, and the time up to SYNC1 is not.
+#[test]
+fn a_distance_of_sync1_as_long_as_the_device_takes() {
+    let check = Check::LongestSyncCycle;
+    let of = |longest| {
+        let pulses =
+            Pulses { sync0_cycle: Nanos(250_000), sync1: Nanos(750_000), lead: Nanos(750_000) };
+        let sync_limits = SyncLimits { longest: Some(Nanos(longest)), step: None };
+        let device = Device { mode: SyncMode::DcSubordinated, pulses, sync_limits, ..drive() };
+        let demand = demand(&CYCLE, Nanos(800_000), &device, check).unwrap();
+        (demand.slack().0, demand.sign(device.mode))
+    };
+    assert_eq!(of(750_000), (0, Sign::Refusal(AlStatusCode::DC_SYNC1_CYCLE)));
+    assert_eq!(of(749_999), (-1, Sign::Refusal(AlStatusCode::DC_SYNC1_CYCLE)));
+    assert_eq!(of(249_999), (-1, Sign::Refusal(AlStatusCode::DC_SYNC0_CYCLE)));
+}
+
+/// A multiple of the step, and a nanosecond to either side; the line always names the step.
+#[test]
+fn a_sync0_cycle_in_steps_of_the_device() {
+    let check = Check::Sync0InSteps;
+    let of = |step, sync0_cycle| {
+        let sync_limits = SyncLimits { longest: None, step: Some(Nanos(step)) };
+        let pulses = Pulses { sync0_cycle: Nanos(sync0_cycle), ..Pulses::default() };
+        let device = Device { sync_limits, pulses, ..drive() };
+        let demand = demand(&CYCLE, Nanos(500_000), &device, check).unwrap();
+        assert_eq!(demand.step(), Some(Nanos(step)));
+        assert_eq!(demand.sign(device.mode), Sign::Refusal(AlStatusCode::DC_INVALID_SYNC_CYCLE));
+        (demand.line().needed.0, demand.slack().0)
+    };
+    assert_eq!(of(500_000, 1_000_000), (1_000_000, 0));
+    assert_eq!(of(500_000, 999_999), (1_000_000, -1));
+    assert_eq!(of(500_000, 1_000_001), (1_500_000, -499_999));
+    assert_eq!(of(1_000_000, 1_000_000), (1_000_000, 0));
+    assert_eq!(of(2_000_000, 1_000_000), (2_000_000, -1_000_000));
+    // What a device takes is no slack of its cycle.
+    let device = Device {
+        sync_limits: SyncLimits { longest: None, step: Some(Nanos(1_000_000)) },
+        ..drive()
+    };
+    let lines = budget(&CYCLE, Nanos(500_000), &device);
+    assert_eq!(lines.line(check).unwrap().slack(), Nanos::ZERO);
+    assert!(lines.slack().unwrap() > Nanos::ZERO && lines.failure().is_none());
 }

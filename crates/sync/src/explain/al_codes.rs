@@ -586,7 +586,9 @@ pub static CODES: [(u16, Entry); 63] = [
                 "it contradicts the cycle in 0x1C32:02 or 0x60C2",
             ],
             &["0x09A0", "0x1C32:02, :05", "0x60C2"],
-            &["a cycle of the maker's list, the same in all places"],
+            &[
+                "a multiple of the device's step, or a cycle of the maker's list; the same in all places",
+            ],
         ),
     ),
     (
@@ -595,13 +597,17 @@ pub static CODES: [(u16, Entry); 63] = [
             "SYNC0's cycle is not what the device allows.",
             &[
                 "below the minimum cycle time 0x1C32:05",
-                "above what its timers hold",
+                "above the longest cycle that its timers hold; no object states it",
                 "0: a single pulse instead of a cycle",
                 "the device has a fixed SYNC0 (subordinated cycles, 0x1C32:0A), and the bus cycle \
                  was written",
             ],
             &["0x09A0", "0x1C32:05, :0A"],
-            &["a cycle of at least 0x1C32:05", "with subordinated cycles: 0x09A0 = 0x1C32:0A"],
+            &[
+                "a cycle of at least 0x1C32:05, and at most what its manual states",
+                "where its manual states steps: a multiple of them, or a cycle of its list (0x0035)",
+                "with subordinated cycles: 0x09A0 = 0x1C32:0A",
+            ],
         ),
     ),
     (

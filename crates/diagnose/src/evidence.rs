@@ -159,8 +159,8 @@ pub(crate) fn interpolation(device: &Device) -> Option<Known<Nanos>> {
     Some(Known { value, frame: at.max(then) })
 }
 
-/// What holds of any segment, whatever it is meant to do: the start of SYNC0 is to come, frames stay
-/// where they are in the cycle, process data are carried and overlap nowhere, and a drive
+/// What holds of any segment, whatever it is meant to do: the start of SYNC0 is to come, frames
+/// stay where they are in the cycle, process data are carried and overlap nowhere, and a drive
 /// interpolates over the time between its outputs.
 pub(crate) fn of_any(observer: &Observer) -> Claims {
     let cycle = rhythm(observer).and_then(|rhythm| rhythm.median()).map(nanos);

@@ -4,9 +4,10 @@
 //! [`plan::proof`] compares that with true time. A run in virtual time ([`run`]) ends in a
 //! [`report`]; [`recording`] keeps the data for pictures, [`timeline`] the cycles of one SubDevice,
 //! [`moment`] by moment; [`diagnosis`] looks for causes in both. [`scan`] identifies a segment
-//! before any cycle, [`rescue`] finds the line that makes it silent, and [`calibrate`] measures the behaviour of its chips that no data sheet
-//! states. [`verdict`] judges a segment by what its wire shows. `sweep` runs a segment many times,
-//! on several threads. While a segment runs, [`status`] holds its present state. On Linux, [`live`]
+//! before any cycle, [`rescue`] finds the line that makes it silent, and [`calibrate`] measures the
+//! behaviour of its chips that no data sheet states. [`verdict`] judges a segment by what its wire
+//! shows. `sweep` runs a segment many times, on several threads. While a segment runs, [`status`]
+//! holds its present state. On Linux, [`live`]
 //! does the same jobs on a real interface. [`explain`] gives codes, objects and registers their
 //! meaning.
 #![forbid(unsafe_code)]

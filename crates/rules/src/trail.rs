@@ -54,8 +54,14 @@ impl Trail {
         }
         let (first, last) = half.split_at(half.len() / 2);
         let (slope, error) = fit(half);
-        // What settles or swings has another slope in each half.
-        let change = (fit(first).0 - fit(last).0).abs() / 2.0;
+        // What settles or swings has another slope in each half; and a step, as when a delay begins
+        // or ends, has none in one of them, or in both.
+        let (before, after) = (fit(first).0, fit(last).0);
+        let goes_on = |part: f64| part / slope >= 0.5;
+        let change = match goes_on(before) && goes_on(after) {
+            true => (before - after).abs() / 2.0,
+            false => slope.abs(),
+        };
         // From ps in a ps to ns in a second.
         let ns = |slope: f64| Nanos((slope * 1e9) as i64);
         Some(Slide { per_second: ns(slope), uncertainty: ns(error.max(change)) })
@@ -114,6 +120,12 @@ mod tests {
         let swings = |cycle: u64| 200_000.0 * (cycle as f64 / 300.0).sin();
         let swinging = slide(4_000, swings).expect("long enough");
         assert!(swinging.per_second.0.abs() < 4 * swinging.uncertainty.0, "{swinging:?}");
+        // A delay of 50 us that ends, wherever that is.
+        for end in (0..4_000).step_by(100) {
+            let stepped = slide(4_000, |cycle| if cycle < end { 50_000.0 } else { 0.0 });
+            let stepped = stepped.expect("long enough");
+            assert!(stepped.per_second.0.abs() <= 4 * stepped.uncertainty.0, "{end}: {stepped:?}");
+        }
     }
 
     #[test]

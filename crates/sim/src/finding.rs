@@ -277,8 +277,8 @@ kinds! {
             /// Number of frames.
             frames: u64,
         },
-        /// Answers came, but so late that the MainDevice had given them up: the segment is not
-        /// what is slow.
+        /// Answers came, but a cycle or more after they were to come: each of these cycles has the
+        /// inputs of one before. The segment is not what is slow.
         AnswersLate = "answers-late" {
             /// Number of frames.
             frames: u64,

@@ -94,8 +94,8 @@ fn threads_meet_in_virtual_time_and_the_same_way_each_time() {
 }
 
 /// The watchdog of a machine that stands still for a while cuts the supervisor's own calls short.
-/// What it asked for has to be asked again, or a program's clock stops at each reading in one run and
-/// counts by itself in the next.
+/// What it asked for has to be asked again, or a program's clock stops at each reading in one run
+/// and counts by itself in the next.
 #[test]
 fn signals_to_the_supervisor_change_no_run() {
     let subject = "spins_by_the_clock";

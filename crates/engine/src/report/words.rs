@@ -181,11 +181,9 @@ fn judged(kind: &Judged, family: Family) -> String {
         }
         Judged::FramesLost { frames: 1 } => "1 frame did not come back in time".into(),
         Judged::FramesLost { frames } => format!("{frames} frames did not come back in time"),
-        Judged::AnswersLate { frames: 1 } => {
-            "1 answer came so late that it had been given up".into()
-        }
+        Judged::AnswersLate { frames: 1 } => "1 answer came a cycle late or later".into(),
         Judged::AnswersLate { frames } => {
-            format!("{frames} answers came so late that they had been given up")
+            format!("{frames} answers came a cycle late or later")
         }
         Judged::HostNotLocked { holdover } => {
             let state = if *holdover { "hears nothing from" } else { "is not locked onto" };

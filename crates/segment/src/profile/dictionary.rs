@@ -26,7 +26,7 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
         // Without CoE they could not be read.
         return;
     }
-    let at = 0;
+    let at = GENERATED;
     let text = |index, name: &str, value: &str| {
         let row = Row { sub: 0, name, data_type: DataType::VISIBLE_STRING, access: Access::READ };
         var(at, index, row, value.as_bytes().to_vec())
@@ -84,7 +84,6 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
         }
     }
     add_missing(&mut draft.objects, generated);
-    interpolate(draft);
     if draft.application == ApplicationKind::Drive {
         add_missing(&mut draft.objects, [interpolation_time()]);
         add_missing(
@@ -107,16 +106,22 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
     }
 }
 
+/// The place of what is not in the file: no object begins at its first byte.
+const GENERATED: usize = 0;
+
 /// Has the interpolation time written at start if the file has the object: it becomes the cycle.
 /// Nothing is written to a drive whose file is silent, since a real one may be without.
+///
+/// What [`complete`] adds is not from the file, and has no place in it.
 fn interpolate(draft: &mut Draft<'_>) {
     let index = object::INTERPOLATION_TIME;
     let written = |one: &Placed<Startup>| one.value.object.index == index;
     let parts = [(1, DataType::UNSIGNED8), (2, DataType::INTEGER8)];
-    if draft.application != ApplicationKind::Drive || draft.startup.iter().any(written) {
+    if draft.startup.iter().any(written) {
         return;
     }
-    let object = draft.objects.iter().find(|object| object.index == index);
+    let from_file = |object: &&draft::Object| object.index == index && object.at != GENERATED;
+    let object = draft.objects.iter().find(from_file);
     let part = |(sub, data_type)| {
         let mut entries = object?.entries.iter();
         let entry = entries.find(|entry| entry.sub == sub && entry.data_type == data_type)?;
@@ -140,7 +145,7 @@ fn interpolation_time() -> draft::Object {
     let units = row(1, "Interpolation time units", DataType::UNSIGNED8, access);
     let power = row(2, "Interpolation time index", DataType::INTEGER8, access);
     // CiA 402 gives this record a type of its own.
-    Group::new(0, index, "Interpolation time period", ObjectCode::RECORD, DataType(0x0080))
+    Group::new(GENERATED, index, "Interpolation time period", ObjectCode::RECORD, DataType(0x0080))
         .entry(units, vec![1])
         .entry(power, vec![(-3_i8).cast_unsigned()])
         .finish(Access::READ, 2)
@@ -163,6 +168,7 @@ pub(super) fn preset(
 impl Draft<'_> {
     /// The profile. The draft has passed `check`.
     pub(super) fn finish(mut self) -> Result<Profile, FileError> {
+        interpolate(&mut self);
         let sii = sii::image(&self)?;
         let assumptions = self.assumptions()?;
         let stated = |index, sub| self.value(index, sub).map(|ns| Nanos::from_u32(ns as u32));

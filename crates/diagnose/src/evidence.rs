@@ -163,13 +163,18 @@ pub(crate) fn interpolation(device: &Device) -> Option<Known<Nanos>> {
 /// stay where they are in the cycle, process data are carried and overlap nowhere, and a drive
 /// interpolates over the time between its outputs.
 pub(crate) fn of_any(observer: &Observer) -> Claims {
-    let cycle = rhythm(observer).and_then(|rhythm| rhythm.median()).map(nanos);
+    // The rhythm is that of all stretches of operation, so it says nothing of a further one.
+    let rhythm = rhythm(observer).filter(|_| observer.held.is_empty());
+    let cycle = rhythm.and_then(|rhythm| rhythm.median()).map(nanos);
     let each = |at: usize| {
         let place = observer.devices.at(u16::try_from(at).ok()?)?;
         let cycle = cycle.filter(|cycle| cycle.0 > 0)?;
-        let each = data::carried_each(observer, &observer.devices.list[place], 0, cycle)?;
-        // Whole cycles: one more or less is counted at the ends.
-        Some(Nanos(cycle.0 * ((each.0 + cycle.0 / 2) / cycle.0).max(1)))
+        let device = &observer.devices.list[place];
+        let each = data::carried_each(observer, device, 0, cycle)?;
+        // Whole cycles: one more or less is counted at the ends. A drive takes what came last before
+        // its own pulse.
+        let each = Nanos(cycle.0 * ((each.0 + cycle.0 / 2) / cycle.0).max(1));
+        Some(sync::local_cycle(device).map_or(each, |own| each.max(nanos(own))))
     };
     let device = |at| DeviceClaims { interpolation: each(at), ..DeviceClaims::default() };
     let devices = (0..observer.devices.list.len()).map(device).collect();

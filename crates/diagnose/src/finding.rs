@@ -140,7 +140,7 @@ kinds! {
     ErrorsCounted { address: u16, by: u64, operating: bool } "errors-counted" Fault;
     /// A device left OP without a request in the capture.
     LeftOp { to: AlStatus, code: Option<AlStatusCode> } "left-op" Fault;
-    /// A device was asked for OP and stayed below it, to the end of the capture.
+    /// A device was asked for OP and stayed below it.
     StayedBelow { status: AlStatus } "stayed-below-op" Fault;
     /// All devices were asked to leave OP, and process data went on without them.
     AskedDown { state: AlState, for_ns: u64 } "asked-down" Fault;

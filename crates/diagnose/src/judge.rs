@@ -132,6 +132,9 @@ fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Find
 fn stayed_below(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let states = &device.states;
     let asks = |request: &Asked| request.control.state() == Ok(AlState::Op);
+    if states.requests.left_off() > 0 {
+        return;
+    }
     let requests = &states.requests.kept;
     let Some(at) = requests.iter().position(asks).filter(|_| states.op.is_none()) else { return };
     // Until it was asked for something else, as on the way down.
@@ -144,7 +147,10 @@ fn stayed_below(place: usize, device: &Device, observer: &Observer, all: &mut Ve
         // The last frame that showed the status before.
         Some(change) => {
             let held = changes.kept.iter().rfind(|held| held.frame < change.frame);
-            held.zip(change.before).map(|(held, before)| (held.status, before))
+            // A look right behind the request says nothing.
+            let late = |at: &Duration| at.saturating_sub(first.at) >= PATIENCE;
+            let before = change.before.filter(|_| change.before_at.as_ref().is_some_and(late));
+            held.zip(before).map(|(held, before)| (held.status, before))
         }
         None => states.last_seen(),
     };
@@ -172,9 +178,15 @@ fn asked_down(observer: &Observer, all: &mut Vec<Finding>) {
         let requests = &device.states.requests;
         let asked = requests.kept.last().filter(|_| requests.left_off() == 0)?;
         let op = |request: &Asked| request.control.state() == Ok(AlState::Op);
-        // The first request below OP since it was last asked for OP.
+        // The first request below OP since it was last asked for OP. What sets it up anew after
+        // that is another way up, and inputs may be fetched in SAFEOP.
         let up = requests.kept.iter().rposition(op)?;
-        (!op(asked)).then(|| requests.kept[up + 1])
+        // By their numbers, which rise on the way up.
+        let state = |request: &Asked| request.control.state().map_or(0, |state| state as u16);
+        let after = &requests.kept[up + 1..];
+        let is_down = after.windows(2).all(|two| state(&two[1]) <= state(&two[0]));
+        let first = after.iter().find(|asked| state(asked) < AlState::SafeOp as u16);
+        first.copied().filter(|_| is_down && !op(asked))
     };
     let Some(down) = operated.map(below).collect::<Option<Vec<_>>>() else { return };
     let Some(first) = down.iter().min_by_key(|asked| asked.frame) else { return };
@@ -284,13 +296,13 @@ pub(crate) fn turns(observer: &Observer) -> impl Iterator<Item = &Talker> {
     let mut talkers: Vec<&Talker> = observer.talkers.list.iter().collect();
     talkers.sort_by_key(|talker| std::cmp::Reverse(talker.frames));
     let first = talkers.first().copied();
-    let meddles = move |one: &Talker| {
-        let while_it_talks = first.is_some_and(|first| {
-            first.address == one.address || first.first < one.first && one.last < first.last
-        });
-        one.asking > 0 && while_it_talks
+    let counts = move |one: &Talker| {
+        first.is_some_and(|first| {
+            let while_it_talks = first.first < one.first && one.last < first.last;
+            first.address == one.address || one.asking > 0 && while_it_talks
+        })
     };
-    talkers.retain(|one| one.turns >= LEAST_TURNS || meddles(one));
+    talkers.retain(|one| one.turns >= LEAST_TURNS || counts(one));
     talkers.into_iter()
 }
 

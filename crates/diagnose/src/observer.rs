@@ -142,7 +142,7 @@ impl Observer {
         self.backwards += u64::from(at < self.last);
         self.last = self.last.max(at);
         self.now = at;
-        self.talkers.frame(first, at);
+        self.talkers.frame(first, at, self.is_operating());
         let judged = self.is_judged();
         // The index of the datagram that begins a cycle.
         let mut begins = None;

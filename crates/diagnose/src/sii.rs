@@ -93,7 +93,7 @@ impl Sii {
     /// Reads up to the end that no EEPROM acknowledged: their number, and the frame of the first. A
     /// memory that burns what was written to it acknowledges nothing for some milliseconds either.
     pub fn silent(&self) -> Option<(u64, usize)> {
-        let least = if self.writes == 0 { 1 } else { MOST_WHILE_BURNING + 1 };
+        let least = if self.writes == 0 { 2 } else { MOST_WHILE_BURNING + 1 };
         (self.unacknowledged >= least).then_some((self.unacknowledged, self.silent_since))
     }
 

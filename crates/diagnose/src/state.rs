@@ -16,6 +16,8 @@ pub(crate) struct StateSeen {
     pub code: Option<AlStatusCode>,
     /// The last frame that showed the previous status; `None`: none was seen before.
     pub before: Option<usize>,
+    /// When that was.
+    pub before_at: Option<Duration>,
     /// The last request of the MainDevice; `None`: none in this capture.
     pub asked: Option<Known<AlControl>>,
 }
@@ -35,6 +37,8 @@ pub(crate) struct States {
     pub requests: Log<Asked>,
     /// The present status, and the last frame that showed it.
     now: Option<(AlStatus, usize)>,
+    /// When it was last seen.
+    seen_at: Option<Duration>,
     /// The last request; `None`: none in this capture.
     pub asked: Option<Known<AlControl>>,
     /// When it was first seen in OP.
@@ -60,7 +64,7 @@ impl StateSeen {
 impl States {
     pub fn new() -> Self {
         let (changes, requests) = (Log::new(MOST_EVENTS), Log::new(MOST_EVENTS));
-        Self { changes, requests, now: None, asked: None, op: None, last_op: 0 }
+        Self { changes, requests, now: None, seen_at: None, asked: None, op: None, last_op: 0 }
     }
 
     /// Takes a request for a state.
@@ -83,9 +87,11 @@ impl States {
             self.last_op = frame;
         }
         let before = self.now.replace((status, frame));
+        let before_at = self.seen_at.replace(at);
         if before.is_none_or(|(before, _)| before != status) {
             let (before, asked) = (before.map(|(_, frame)| frame), self.asked);
-            self.changes.push(StateSeen { frame, at, status, code: None, before, asked });
+            let code = None;
+            self.changes.push(StateSeen { frame, at, status, code, before, before_at, asked });
         }
         if let Some(code) = code {
             self.see_code(code);
@@ -115,6 +121,7 @@ impl States {
             status,
             code: None,
             before: Some(frame),
+            before_at: Some(at),
             asked: self.asked,
         });
         // If events were left off, the last one kept is not the present status.

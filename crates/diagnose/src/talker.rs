@@ -15,7 +15,7 @@ pub(crate) struct Talker {
     pub frames: u64,
     /// How often the source changed to this address.
     pub turns: u64,
-    /// Of these, frames that ask SubDevices for a state.
+    /// Of these, frames that ask SubDevices for a state while the segment operates.
     pub asking: u64,
     pub first: usize,
     pub last: usize,
@@ -32,8 +32,8 @@ pub(crate) struct Talkers {
 }
 
 impl Talkers {
-    /// Takes a frame as it was first seen.
-    pub fn frame(&mut self, frame: &Frame, at: Duration) {
+    /// Takes a frame as it was first seen; `operating`: process data are exchanged.
+    pub fn frame(&mut self, frame: &Frame, at: Duration, operating: bool) {
         let Some(address) = source(frame) else { return };
         let number = frame.number;
         let turn = self.last.replace(address) != Some(address);
@@ -41,13 +41,14 @@ impl Talkers {
             Some(place) => {
                 let talker = &mut self.list[place];
                 talker.frames += 1;
-                talker.asking += u64::from(asks_for_a_state(frame));
+                talker.asking += u64::from(operating && asks_for_a_state(frame));
                 talker.turns += u64::from(turn);
                 talker.last = number;
                 talker.last_at = at;
             }
             None if self.list.len() < MOST_TALKERS => {
-                let (frames, turns, asking) = (1, 1, u64::from(asks_for_a_state(frame)));
+                let (frames, turns, asking) =
+                    (1, 1, u64::from(operating && asks_for_a_state(frame)));
                 let (first, last, last_at) = (number, number, at);
                 self.list.push(Talker { address, frames, turns, asking, first, last, last_at });
             }

@@ -68,7 +68,7 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
             ns(*for_ns)
         ),
         Kind::StayedBelow { status } => {
-            format!("{subject} was asked for OP and stayed in {status}, to the end of the capture")
+            format!("{subject} was asked for OP and stayed in {status}")
         }
         Kind::DeviceSilent {} => format!("{subject} does not answer any more"),
         Kind::FramesLost { count } => match count {

@@ -102,7 +102,13 @@ impl Search<'_> {
                 Some(found) => {
                     *loops = open;
                     self.devices = found;
-                    // If there are more at once, the first does not obey, and all of them answer.
+                    if found > next + 1 {
+                        let why = format!(
+                            "SubDevice {next} passes frames on though its ports 1 to 3 are closed: frames enter it at another port \
+                             than 0 (IN and OUT swapped), and the place of a dead line can't be told. All ports are open again"
+                        );
+                        return Err(Trouble::Own(why));
+                    }
                     if found == next + 1 {
                         way.push((next, CLOSED, 0));
                     }

@@ -299,7 +299,7 @@ pub struct Sii {
     pub has_general: bool,
     /// Word of the first SyncManager; `None` without their category.
     pub sync_managers_at: Option<usize>,
-    /// Word at which the categories end, or as far as they could be read; 0 if they were not read.
+    /// Word at which the categories end; 0 if they were not read to their end.
     pub end: usize,
 }
 

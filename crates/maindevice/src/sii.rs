@@ -381,13 +381,13 @@ impl<'a> Reader<'a> {
     ) -> Result<(), Failure> {
         let mut at = usize::from(word::CATEGORIES);
         for _ in 0..MOST_CATEGORIES {
-            sii.end = at;
             if at >= MOST_WORDS {
                 break;
             }
             let head = self.words(at, 2).await?;
             let kind = u16::from_le_bytes([head[0], head[1]]);
             if kind == category::END {
+                sii.end = at;
                 return Ok(());
             }
             let length = usize::from(u16::from_le_bytes([head[2], head[3]]));

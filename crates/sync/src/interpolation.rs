@@ -14,14 +14,17 @@ pub fn time(units: u8, power: i8) -> Option<Nanos> {
     i64::from(units).checked_mul(scale).map(Nanos).filter(|time| *time > Nanos::ZERO)
 }
 
-/// Units and power for a time. `None`: no number of up to 255 of any power is the time.
+/// Units and power for a time: those that come nearest, since units are a byte. `None`: it is not
+/// above zero, or far beyond what they can hold.
 pub fn parts(time: Nanos) -> Option<(u8, i8)> {
     // Drives know ms and us best.
-    [-3, -6, -4, -5, -2, -1, 0, -7, -8, -9].into_iter().find_map(|power: i8| {
+    let all = [-3, -6, -4, -5, -2, -1, 0, -7, -8, -9].into_iter().filter_map(|power: i8| {
         let unit = 10_i64.pow(u32::try_from(9 + power).ok()?);
-        let units = u8::try_from(time.0 / unit).ok()?;
-        (time.0 % unit == 0 && units > 0).then_some((units, power))
-    })
+        let units = (time.0.checked_add(unit / 2)? / unit).clamp(1, 255);
+        Some((units as u8, power, (units * unit - time.0).abs()))
+    });
+    let (units, power, off) = all.min_by_key(|(.., off)| *off)?;
+    (off <= time.0 / 25).then_some((units, power))
 }
 
 /// Whether an interpolation time is that of the cycle, as far as units of a byte can hold it.
@@ -41,13 +44,20 @@ mod tests {
             (1_000_000, Some((1, -3))),
             (250_000, Some((250, -6))),
             (500_000, Some((5, -4))),
-            (62_500, None),
+            (62_500, Some((63, -6))),
+            (333_000, Some((33, -5))),
+            (312_500, Some((31, -5))),
+            (1_001_000, Some((1, -3))),
+            (i64::MAX, None),
+            (-1_000_000, None),
             (2_000_000_000, Some((200, -2))),
             (0, None),
         ] {
             assert_eq!(parts(Nanos(ns)), found, "{ns}");
             if let Some((units, power)) = found {
-                assert_eq!(time(units, power), Some(Nanos(ns)));
+                let held = time(units, power).expect("a time");
+                assert!(agrees(held, Nanos(ns)), "{held}");
+                assert_eq!(held == Nanos(ns), ns % 250_000 == 0);
             }
         }
         assert_eq!(time(0, -3), None);

@@ -109,10 +109,8 @@ impl Judge<'_> {
             }
             let at = self.record(number);
             let doubt = (DoubtKind::MailboxArea, at, words(area), words(found));
-            match is_empty(found) && has_protocols {
-                true => self.keeps(doubt.0, doubt.1, doubt.2, doubt.3),
-                false => self.may_matter(doubt.0, doubt.1, doubt.2, doubt.3),
-            }
+            // Some MainDevices take the header's, some those of the SyncManager.
+            self.may_matter(doubt.0, doubt.1, doubt.2, doubt.3);
         }
         let has_mailbox = header.receive.length > 0 || header.send.length > 0;
         let (at, found) = (word::MAILBOX_PROTOCOLS.into(), format!("{:#06x}", header.protocols));
@@ -162,7 +160,9 @@ impl Judge<'_> {
                     format!("SyncManager {number}, of type {}", record.kind),
                 ),
             };
-            match can_tell {
+            // An unused or unknown type may go by the direction of its PDOs.
+            let is_mailbox = all.get(number).is_none_or(|record| record.kind != sm_type::UNUSED);
+            match can_tell || !is_mailbox {
                 true => self.may_matter(DoubtKind::PdoSyncManager, pdo.word, expected, found),
                 false => self.keeps(DoubtKind::PdoSyncManager, pdo.word, expected, found),
             }

@@ -221,7 +221,7 @@ fn protocols_need_a_mailbox() {
     // The other way round: the header has it, its SyncManager does not.
     let mut sii = sample();
     sii.sync_managers[1].length = 0;
-    assert_eq!(judged(&sii), (vec![("mailbox-area", at)], vec![]));
+    assert_eq!(judged(&sii), (vec![], vec![("mailbox-area", at)]));
     sii.sync_managers[1].length = 127;
     assert_eq!(judged(&sii), (vec![], vec![("mailbox-area", at)]));
     // No mailbox and no protocols is right; without a CPU nobody misses a mailbox.
@@ -237,10 +237,14 @@ fn protocols_need_a_mailbox() {
 fn a_pdo_needs_a_sync_manager_for_process_data() {
     for number in [0, 4] {
         let mut sii = without_mailbox();
-        sii.sync_managers[0].kind = sm_type::UNUSED;
+        sii.sync_managers[0].kind = sm_type::MAILBOX_OUT;
         sii.inputs[0].sync_manager = Some(number);
         let at = place(&sii.image(0, Names::All).expect("short"), 50) / 2 + 1;
         assert_eq!(judged(&sii).0, [("pdo-sync-manager", at)], "{number}");
+        // An unknown type may go by the direction of its PDOs.
+        sii.sync_managers[0].kind = sm_type::UNUSED;
+        let keeps = if number == 0 { vec![] } else { vec![("pdo-sync-manager", at)] };
+        assert_eq!(judged(&sii).0, keeps, "{number}");
         // Objects of a device with CoE tell its assignment, too.
         let mut sii = sample();
         sii.inputs[0].sync_manager = Some(number);

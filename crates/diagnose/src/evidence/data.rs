@@ -88,7 +88,9 @@ pub(crate) fn carriers(logical: &[Logical], device: &Device) -> Option<Vec<usize
 /// buffer with the last byte, and takes one with the first. `None`: the capture does not show the
 /// way up, or the device's memory is addressed without FMMUs.
 pub(super) fn exchanged(observer: &Observer, device: &Device, towards: usize) -> Option<bool> {
-    if !is_set_up(device) || device.by_address {
+    // FMMUs that were never seen may be those of an earlier program.
+    let seen = (0..16).any(|number| device.image.latest(register::fmmu(number)).is_some());
+    if !is_set_up(device) || device.by_address || !seen || observer.cycle.left_out > 0 {
         return None;
     }
     let of_direction = managers(device).filter(|sm| direction(*sm) == Some(towards));

@@ -137,11 +137,18 @@ fn modes(place: usize, device: &Device, all: &mut Vec<Finding>) {
 
 /// SYNC0 that was switched off while the device was to stay in OP.
 fn switched_off(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
-    let Some(op) = device.states.op else { return };
+    let (requests, changes) = (&device.states.requests, &device.states.changes);
+    let Some(op) = device.states.op.filter(|_| requests.left_off() + changes.left_off() == 0)
+    else {
+        return;
+    };
     let entries = &device.sync.switched.kept;
     let in_op = |off: &Switched| {
-        let asked = device.states.requests.kept.iter().rfind(|asked| asked.frame < off.frame);
-        off.frame > op.frame && asked.is_some_and(|asked| asked.control.state() == Ok(AlState::Op))
+        let asked = requests.kept.iter().rfind(|asked| asked.frame < off.frame);
+        let seen = changes.kept.iter().rfind(|seen| seen.frame < off.frame);
+        let was_op = seen.is_some_and(|seen| seen.status.state() == Ok(AlState::Op));
+        let stays = asked.is_some_and(|asked| asked.control.state() == Ok(AlState::Op));
+        off.frame > op.frame && stays && was_op
     };
     let off = entries.windows(2).find_map(|two| {
         let [before, now] = two else { return None };
@@ -149,8 +156,11 @@ fn switched_off(place: usize, device: &Device, observer: &Observer, all: &mut Ve
     });
     let Some(off) = off else { return };
     // Shortly before the way down it harms nothing.
-    let asked = device.states.requests.kept.iter().find(|asked| asked.frame > off.frame);
-    let end = asked.map_or(observer.last, |asked| asked.at);
+    let asked = requests.kept.iter().find(|asked| asked.frame > off.frame).map(|asked| asked.at);
+    let again = entries.iter().find(|one| one.frame > off.frame && one.makes_sync0());
+    let data = observer.cycle.logical.iter().map(|logical| logical.last_at).max();
+    let ends = asked.into_iter().chain(again.map(|again| again.at)).chain(data);
+    let end = ends.min().unwrap_or(off.at);
     if end.saturating_sub(off.at) >= super::PATIENCE {
         all.push(Finding::new(Kind::Sync0SwitchedOff {}, Some(place), off.frame).at(off.at));
     }
@@ -158,7 +168,8 @@ fn switched_off(place: usize, device: &Device, observer: &Observer, all: &mut Ve
 
 /// A device without SYNC0 beside one of its kind that has it. Whether that is meant, no frame says.
 fn left_out(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
-    if device.sync.is_on() || !evidence::operated_as_set_up(observer, device) {
+    let had = |device: &Device| device.sync.switched.kept.iter().any(Switched::makes_sync0);
+    if had(device) || !evidence::operated_as_set_up(observer, device) {
         return;
     }
     let identity = |device: &Device| {

@@ -171,8 +171,8 @@ pub(crate) fn of_any(observer: &Observer) -> Claims {
         let cycle = cycle.filter(|cycle| cycle.0 > 0)?;
         let device = &observer.devices.list[place];
         let each = data::carried_each(observer, device, 0, cycle)?;
-        // Whole cycles: one more or less is counted at the ends. A drive takes what came last before
-        // its own pulse.
+        // Whole cycles: one more or less is counted at the ends. A drive takes what came last
+        // before its own pulse.
         let each = Nanos(cycle.0 * ((each.0 + cycle.0 / 2) / cycle.0).max(1));
         Some(sync::local_cycle(device).map_or(each, |own| each.max(nanos(own))))
     };

@@ -106,8 +106,9 @@ class Program:
             pass
 
     def interpolate(self, drive, units, power):
-        drive.sdo_write(0x60C2, 1, struct.pack("<B", units))
-        drive.sdo_write(0x60C2, 2, struct.pack("<b", power))
+        """Not all drives have the object."""
+        self.try_write(drive, 0x60C2, 1, struct.pack("<B", units))
+        self.try_write(drive, 0x60C2, 2, struct.pack("<b", power))
 
     def write_types(self):
         types = {"type-sm": 1, "type-free": 0, "type-and-cycle": 2}

@@ -69,6 +69,15 @@ impl VirtualWire {
         Self { scenario, served, now: Time::ZERO, seen: Vec::new() }
     }
 
+    /// The same with the faults of the file that begin at an instant, and not in operation. A
+    /// restart is without them.
+    pub fn with_faults(scenario: Scenario) -> Self {
+        let setup = scenario.run().setup;
+        let faults = Timeline::new(setup.faults, setup.seed).with_spares(setup.spares);
+        let new = Self::new(scenario);
+        Self { served: new.served.with_faults(faults), ..new }
+    }
+
     fn settle(&mut self) {
         let Self { served, seen, .. } = self;
         served.settle(&mut |segment, observation, _| {
@@ -88,17 +97,6 @@ fn switch_on(scenario: &Scenario) -> Served {
     let mut served = Served::new(setup.segment, setup.seed, Time::ZERO);
     served.show_everything();
     served
-}
-
-impl VirtualWire {
-    /// The same with the faults of the file that begin at an instant, and not in operation.
-    pub fn with_faults(scenario: Scenario) -> Self {
-        let setup = scenario.run().setup;
-        let timeline = Timeline::new(setup.faults, setup.seed).with_spares(setup.spares);
-        let mut served = Served::new(setup.segment, setup.seed, Time::ZERO).with_faults(timeline);
-        served.show_everything();
-        Self { scenario, served, now: Time::ZERO, seen: Vec::new() }
-    }
 }
 
 impl Wire for VirtualWire {

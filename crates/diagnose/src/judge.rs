@@ -178,10 +178,10 @@ fn asked_down(observer: &Observer, all: &mut Vec<Finding>) {
         let requests = &device.states.requests;
         let asked = requests.kept.last().filter(|_| requests.left_off() == 0)?;
         let op = |request: &Asked| request.control.state() == Ok(AlState::Op);
-        // The first request below OP since it was last asked for OP. What sets it up anew after
-        // that is another way up, and inputs may be fetched in SAFEOP.
+        // The first request below SAFEOP since it was last asked for OP: in SAFEOP inputs may still
+        // be fetched. If later requests rise again, another way up has begun.
         let up = requests.kept.iter().rposition(op)?;
-        // By their numbers, which rise on the way up.
+        // States have numbers that rise on the way up.
         let state = |request: &Asked| request.control.state().map_or(0, |state| state as u16);
         let after = &requests.kept[up + 1..];
         let is_down = after.windows(2).all(|two| state(&two[1]) <= state(&two[0]));

@@ -279,7 +279,7 @@ impl Phases {
     }
 }
 
-/// An interval longer than so many usual ones is a pause, and no part of the mean.
+/// An interval longer than this many usual ones is a pause, and is left out of the mean.
 const PAUSE: u64 = 4;
 /// Frames whose interval passed so often without one have ended.
 const STOPPED: u64 = 8;

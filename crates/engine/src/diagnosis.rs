@@ -261,6 +261,7 @@ impl Case<'_> {
     fn in_device(&self, line: &str) -> String {
         place::device(self.report, &self.report.devices[self.position], line)
     }
+
     /// Looks for a mailbox that was silent when the device's mode was asked for.
     fn silent_mailbox(&mut self) {
         let mut own = self.report.findings.iter().filter(|f| f.position == Some(self.position));
@@ -585,9 +586,7 @@ impl Case<'_> {
             self.remedies.push(format!("isocat explain 0x{code:04X} tells more of this code."));
         }
     }
-}
 
-impl Case<'_> {
     /// Looks for the line of the plan that predicts this refusal, and was run all the same.
     fn refusal_by_plan(&mut self, code: AlStatusCode) {
         let (Some(timing), Some(device)) = (self.timing, self.device) else { return };

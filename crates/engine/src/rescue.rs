@@ -19,7 +19,7 @@ use crate::calibrate::bus::{self, Bus};
 /// What a rescue found.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Rescue {
-    /// Frames came back as it began, from so many SubDevices; nothing was written.
+    /// Frames came back from the start, from this number of SubDevices; nothing was written.
     Alive(usize),
     /// Frames stay away whatever is closed: the first line is dead, or nothing answers there.
     FirstLine,
@@ -69,7 +69,7 @@ impl Search<'_> {
         self.set(0, CLOSED)?;
         match self.count()? {
             None | Some(0) => {
-                // It may have been reached all the same.
+                // The write may have reached it, though nothing came back.
                 self.set(0, 0)?;
                 return Ok(Rescue::FirstLine);
             }
@@ -94,7 +94,7 @@ impl Search<'_> {
             let (device, closed) = (*device, *loops);
             let open = closed & !(0b11 << (2 * port));
             self.set(device, open)?;
-            // Whoever is behind it comes next, and must not pass frames on before it was counted.
+            // The SubDevice behind that port must not pass frames on before it was counted.
             let next = self.devices;
             self.set(next, CLOSED)?;
             match self.count()? {

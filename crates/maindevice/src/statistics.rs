@@ -20,8 +20,8 @@ pub struct Statistics {
     /// Cyclic frames that came back when the next cycle had begun. The host may have held them up
     /// before they left, so that outputs came a cycle late; or the wire after that.
     pub frames_behind: u64,
-    /// Those of them that came back a cycle or more after they had left: each cycle has the inputs
-    /// of one before.
+    /// Those of them that came back later than a cycle and the longest way through the segment
+    /// after they had left: each cycle then has the inputs of the one before.
     pub frames_slow: u64,
     /// Frames of ours that came in unexpectedly for another reason: a second time, damaged so that
     /// they do not match what was sent, or so late that their index was in use again.

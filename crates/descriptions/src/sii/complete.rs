@@ -87,7 +87,7 @@ impl Judge<'_> {
             (header.receive, word::RECEIVE_MAILBOX, "to the device"),
             (header.send, word::SEND_MAILBOX, "from the device"),
         ];
-        // An ESC without a CPU has nobody to read a mailbox, whatever the word says.
+        // Without a CPU behind the ESC nothing reads a mailbox, even if the word has protocols.
         let has_protocols = header.protocols != 0 && !header.emulates();
         let empty = areas.iter().find(|(area, ..)| is_empty(*area));
         if let Some((area, at, way)) = empty.filter(|_| has_protocols) {

@@ -43,7 +43,7 @@ impl SiiFile {
             }));
         };
         let mut reader = Reader { sii: Sii { header, ..Sii::default() }, ..Reader::default() };
-        // Of an EEPROM that nobody wrote no other doubt says more.
+        // If the EEPROM was never written, other doubts would only repeat that.
         if let Some(byte) = blank(&image[..HEADER_LEN]) {
             reader.blank(byte);
             let Reader { sii, doubts, .. } = reader;

@@ -224,7 +224,7 @@ fn protocols_need_a_mailbox() {
     assert_eq!(judged(&sii), (vec![], vec![("mailbox-area", at)]));
     sii.sync_managers[1].length = 127;
     assert_eq!(judged(&sii), (vec![], vec![("mailbox-area", at)]));
-    // No mailbox and no protocols is right; without a CPU nobody misses a mailbox.
+    // Neither a mailbox nor protocols is right; and a device without a CPU needs no mailbox.
     let mut sii = without_mailbox();
     assert_eq!(judged(&sii), NONE);
     sii.header.protocols = Header::COE;

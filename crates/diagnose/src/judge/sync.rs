@@ -19,8 +19,8 @@ pub(super) fn judge(observer: &Observer, all: &mut Vec<Finding>) {
     for (place, device) in observer.devices.list.iter().enumerate() {
         started(place, device, all);
         modes(place, device, all);
-        left_out(place, device, observer, all);
-        switched_off(place, device, observer, all);
+        sync0_left_out(place, device, observer, all);
+        sync0_switched_off(place, device, observer, all);
         differences(place, device, all);
         clock_set(place, device, observer, all);
         minimum(place, device, all);
@@ -136,7 +136,7 @@ fn modes(place: usize, device: &Device, all: &mut Vec<Finding>) {
 }
 
 /// SYNC0 that was switched off while the device was to stay in OP.
-fn switched_off(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+fn sync0_switched_off(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let (requests, changes) = (&device.states.requests, &device.states.changes);
     let Some(op) = device.states.op.filter(|_| requests.left_off() + changes.left_off() == 0)
     else {
@@ -167,7 +167,7 @@ fn switched_off(place: usize, device: &Device, observer: &Observer, all: &mut Ve
 }
 
 /// A device without SYNC0 beside one of its kind that has it. Whether that is meant, no frame says.
-fn left_out(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+fn sync0_left_out(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let had = |device: &Device| device.sync.switched.kept.iter().any(Switched::makes_sync0);
     if had(device) || !evidence::operated_as_set_up(observer, device) {
         return;

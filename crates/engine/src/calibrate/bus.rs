@@ -278,7 +278,7 @@ fn answers(frame: &[u8], asks: &[Ask]) -> Option<Vec<Answer>> {
 }
 
 /// A read of one device's memory.
-pub(crate) fn read(position: usize, address: u16, len: usize) -> Ask {
+pub(super) fn read(position: usize, address: u16, len: usize) -> Ask {
     (Command::Aprd, at(position, address), vec![0; len])
 }
 
@@ -288,12 +288,12 @@ pub(crate) fn write(position: usize, address: u16, data: Vec<u8>) -> Ask {
 }
 
 /// A device by its position.
-pub(crate) fn at(position: usize, address: u16) -> Address {
+pub(super) fn at(position: usize, address: u16) -> Address {
     Address::Position(AutoIncrementAddress::of_position(position as u16), address)
 }
 
 /// Up to eight bytes, little-endian.
-pub(crate) fn number(bytes: &[u8]) -> u64 {
+pub(super) fn number(bytes: &[u8]) -> u64 {
     bytes.iter().take(8).rev().fold(0, |number, byte| number << 8 | u64::from(*byte))
 }
 

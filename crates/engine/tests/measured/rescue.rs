@@ -59,7 +59,7 @@ fn the_port_before_a_dead_line_is_found_and_closed() {
     assert_eq!(rescued(&both), found(3, &[(1, 1), (2, 1)]));
 }
 
-/// Whoever listens loses its link and closes its port by itself.
+/// The port that receives over the broken pair loses its link, and closes by itself.
 #[test]
 fn a_line_that_is_broken_on_the_way_back_is_closed_already() {
     assert_eq!(rescued(&["break aside back"]), Rescue::Alive(3));

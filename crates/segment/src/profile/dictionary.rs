@@ -13,8 +13,7 @@ use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::sii::sm_type;
 use isocat_wire::time::Nanos;
 
-use super::draft::Placed;
-use super::draft::{self, Area, Draft, Item, Pdo, Property};
+use super::draft::{self, Area, Draft, Item, Pdo, Placed, Property};
 use super::{
     ApplicationKind, Assignment, Assumption, CpuTimes, Origin, Profile, Startup, rows, sii, unknown,
 };

@@ -27,7 +27,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from verdict import lateness
+from verdict import late_requests, lateness
 from witness import Witness
 
 try:
@@ -46,9 +46,9 @@ SIMPLE = 'cycle = "1ms"\n[[subdevice]]\ndevice = "simple_io16"\ncount = {}\n'
 # name: segment file (None: the built-in one), cycle, positions that get SYNC0, SDOs to write
 SEGMENTS = {
     "4 simple": (SIMPLE.format(4), 1000, range(4), {}),
-    # A cycle that forgives late frames of a few ms: drives take two missed SM events in a row for a
+    # A cycle that forgives late frames of some ms: drives take two missed SM events in a row for a
     # fault. By default nothing is assigned in device 3, as in its maker's file.
-    "built-in": (None, 4000, [0, 1, 4], {4: [(0x1C12, 0x1600), (0x1C13, 0x1A00)]}),
+    "built-in": (None, 8000, [0, 1, 4], {4: [(0x1C12, 0x1600), (0x1C13, 0x1A00)]}),
     "50 simple": (SIMPLE.format(50), 1000, [], {}),
 }
 # As above, with a fault that no MainDevice may get past, and the step that has to fail for it.
@@ -65,6 +65,8 @@ SIZES = {"UNSIGNED8": 1, "BOOLEAN": 1, "UNSIGNED16": 2, "UNSIGNED32": 4}
 # Of 0x1C32 and 0x1C33: sub-indices whose values do not depend on what was before.
 CONSTANT = {0x00, 0x04, 0x05, 0x06, 0x07, 0x09}
 WATCHDOG_MS = 1000
+# Seconds of cycles at most.
+LONGEST = 20
 ATTEMPTS = 3
 # Before everybody else on the machine: a late frame is a missed SM event.
 PROMPT = ["chrt", "--fifo", "50"] if shutil.which("chrt") else []
@@ -87,7 +89,8 @@ def main():
                 return broken(arguments, folder, peers, witness)
             rows = {}
             for name in [arguments.segment] if arguments.segment else SEGMENTS:
-                segment = Segment(arguments.isocat, folder, name, arguments.cycles)
+                cycles = min(arguments.cycles, LONGEST * 1_000_000 // SEGMENTS[name][1])
+                segment = Segment(arguments.isocat, folder, name, cycles)
                 for peer, command in peers.items():
                     rows[peer, name] = attempts(arguments.isocat, folder, peer, command, segment, witness)
             stalls = witness.stalls()
@@ -254,11 +257,20 @@ class Row:
     def excuse(self, peer, segment, stalls):
         """Makes failures that are lateness of the machine `late`, if every failure is one."""
         failed = [cell for cell in self.cells.values() if cell.failed]
+        if failed and self.capture.exists():
+            stalls = sorted([*stalls, *late_requests(self.frames(), segment.cycle)])
         why = [cell.began and lateness(peer, (cell.what, cell.began, cell.ended), stalls, self.refusals, segment.cycle, segment.drives)
                for cell in failed]
         if all(why):
             for cell, reason in zip(failed, why):
                 cell.result, cell.what = "late", f"{cell.what} ({reason})"
+
+    def frames(self):
+        """(time on the monotonic clock, whether it is an answer) of each frame: the first SubDevice marks the source address."""
+        epoch = time.time() - time.monotonic()
+        lines = run("tshark", "-r", self.capture, "-T", "fields", "-e", "frame.time_epoch", "-e", "eth.src").splitlines()
+        fields = [line.split("\t") for line in lines]
+        return [(float(at) - epoch, bool(int(source[:2], 16) & 2)) for at, source in fields]
 
     def judge_wire(self):
         # One line for every frame that tshark does not read as EtherCAT, or finds bad.

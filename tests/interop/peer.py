@@ -27,7 +27,7 @@ class Session:
         self.step = "scan"
         self.noticed = None
         self.cycle = self.task["cycle_us"] / 1e6
-        self.cycles = {"whole": self.task["cycles"], "again": 300, "hold": 1 << 60}[self.role]
+        self.cycles = {"whole": self.task["cycles"], "again": 1000, "hold": 1 << 60}[self.role]
 
     def run(self, steps):
         try:

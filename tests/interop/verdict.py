@@ -54,7 +54,7 @@ def lateness(peer, failure, stalls, refusals, cycle, drives):
                 return f"AL status {codes}, each after a stall of a cycle or more"
         case "rhythm" if timely:
             away = AWAY if drives and fell else 0
-            struck = sum(length / cycle + away for _, length in during if length >= cycle)
+            struck = sum(took / cycle + away for took in together(during, cycle))
             if struck >= spoiled(what) / SPREAD:
                 return f"stalls took {struck:.0f} cycles"
     return None
@@ -70,6 +70,29 @@ def stalled_before(at, stalls, cycle):
     """Whether the machine stalled for a cycle in all, at most `CLOSE` cycles from the first stall to the last, and not long before."""
     near = [(begin, begin + length) for begin, length in stalls if begin <= at and at - (begin + length) <= REACH]
     return any(covered([stall for stall in near if 0 <= stall[0] - first <= CLOSE * cycle + 1e-9]) >= cycle for first, _ in near)
+
+
+def together(stalls, cycle):
+    """How long each group of stalls took that lie within `CLOSE` cycles, if a cycle or more."""
+    groups = []
+    for begin, length in sorted(stalls):
+        if groups and begin - groups[-1][0][0] <= CLOSE * cycle + 1e-9:
+            groups[-1].append((begin, begin + length))
+        else:
+            groups.append([(begin, begin + length)])
+    return [took for took in map(covered, groups) if took >= cycle]
+
+
+def late_requests(frames, cycle):
+    """Stalls of the MainDevice's side, from a capture of its own interface: `frames` are pairs (time, whether it is an answer).
+
+    Only a request that left late though its predecessor had been answered counts: between a request and its answer the segment
+    has to do, and what it does wrongly there is no lateness of the machine."""
+    late = []
+    for (before, answered), (now, answer) in zip(frames, frames[1:]):
+        if answered and not answer and now - before > 2 * cycle:
+            late.append((before + cycle, now - before - cycle))
+    return late
 
 
 def covered(spans):

@@ -2,7 +2,7 @@
 """The judge of foreign MainDevices, at its edges: python3 tests/interop/verdict_test.py"""
 import unittest
 
-from verdict import kind, lateness
+from verdict import kind, late_requests, lateness
 
 CYCLE = 0.001
 
@@ -92,6 +92,24 @@ class Verdicts(unittest.TestCase):
         self.assertIsNone(judge(said, stalls, drives=True))
         self.assertIsNone(judge(said, stalls, [falls[0], (102.1, 0x001D)], drives=True))
         self.assertIsNone(judge(said, stalls, [*falls, (104.0, 0x001A)], drives=True))
+
+    def test_short_stalls_together_keep_a_drive_away_too(self):
+        said = "1500 cycles, 0 with a wrong working counter; longest 9 ms; A: enabled 800, behind 10, status 0x0627"
+        half, falls = CYCLE / 2, [(101.1, 0x001A)]
+        self.assertIn("stalls", judge(said, [(101.0, half), (101.002, half)], falls, drives=True))
+        self.assertIsNone(judge(said, [(101.0, half), (101.002, half * 0.99)], falls, drives=True))
+
+    def test_a_request_is_late_only_behind_an_answer(self):
+        def late(gap, *, answered):
+            frames = [(100.0, False), (100.0001, True)] if answered else [(100.0001, False)]
+            return late_requests([*frames, (100.0001 + gap, False), (100.0002 + gap, True)], CYCLE)
+
+        [(at, length)] = late(2.1 * CYCLE, answered=True)
+        self.assertAlmostEqual(at, 100.0001 + CYCLE)
+        self.assertAlmostEqual(length, 1.1 * CYCLE)
+        self.assertEqual(late(1.9 * CYCLE, answered=True), [])
+        # The segment did not answer: that is its fault.
+        self.assertEqual(late(50 * CYCLE, answered=False), [])
 
 
 if __name__ == "__main__":

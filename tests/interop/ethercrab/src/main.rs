@@ -274,7 +274,8 @@ impl Session<'_> {
         let most = wanted + 3;
         let cycles = match self.role {
             "whole" => self.task.cycles,
-            "again" => 300,
+            // So that a drive that fell once is there for most of them.
+            "again" => 1000,
             _ => u32::MAX,
         };
         let (mut bad, mut lost, mut fell, mut away, mut worst) = (0, 0, 0, 0, Duration::ZERO);

@@ -166,6 +166,9 @@ pub(crate) struct Cycle {
     pub round_trip: Rhythm,
     /// The same of those answers that came when the frame of the next cycle had left.
     pub overtaken: Rhythm,
+    /// What the wire and the devices take of it at most, ns, computed of the longest frame that
+    /// begins a cycle; 0: not known how many devices there are.
+    pub on_wire_ns: u64,
     /// The last answer.
     answer: Option<Gap>,
     /// The last frame with a logical datagram that came back.
@@ -174,8 +177,29 @@ pub(crate) struct Cycle {
     pub silence: Option<(Known<Duration>, u64)>,
     /// The last frame of that silence.
     last_silent: usize,
+    /// Stretches of operation in which [`SILENT`] frames or more in a row did not come back, before
+    /// some did again.
+    pub outages: Vec<Outage>,
+    /// Frames with process data that did not come back in operation.
+    pub unanswered: u64,
+    /// When the last frame with process data left, and each time that [`PAUSE`] or more passed
+    /// until the next one: from when to when.
+    pub last_at: Option<Duration>,
+    pub pauses: Vec<(Duration, Duration)>,
     /// Indexes of the datagrams that began the last cycle and the one before it.
     indexes: [Option<u8>; 2],
+}
+
+/// Frames in a row that did not come back, before others did.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Outage {
+    /// The first one.
+    pub since: Known<Duration>,
+    /// The last one.
+    pub last: usize,
+    pub frames: u64,
+    /// From the first one to the next one that came back.
+    pub lasted: Duration,
 }
 
 impl Cycle {
@@ -187,6 +211,11 @@ impl Cycle {
         at: Duration,
         operating: bool,
     ) -> Option<(usize, bool)> {
+        if let Some(last) =
+            self.last_at.replace(at).filter(|last| at.saturating_sub(*last) >= PAUSE)
+        {
+            push_bounded(&mut self.pauses, (last, at));
+        }
         let place = self.place(access)?;
         let logical = &mut self.logical[place];
         logical.frames += 1;
@@ -205,22 +234,33 @@ impl Cycle {
             self.overtaken = Rhythm::default();
         }
         let begins = self.marker == Some(place);
-        let logical = &mut self.logical[place];
         if access.wkc().is_some() {
             self.last_answered = access.frame;
-            self.silence = None;
+            self.end_silence(at);
         } else if operating && self.last_silent != access.frame {
             self.last_silent = access.frame;
+            self.unanswered += 1;
             let since = Known { value: at, frame: access.frame };
             self.silence.get_or_insert((since, 0)).1 += 1;
         }
         if operating {
+            let logical = &mut self.logical[place];
             match access.wkc() {
                 Some(wkc) => logical.count(wkc, at, access.frame),
                 None => logical.lost.push(Known { value: at, frame: access.frame }),
             }
         }
         Some((place, begins))
+    }
+
+    /// A frame came back.
+    fn end_silence(&mut self, at: Duration) {
+        let ended = self.silence.take().filter(|(_, frames)| *frames >= SILENT);
+        if let Some((since, frames)) = ended {
+            let last = self.last_silent;
+            let lasted = at.saturating_sub(since.value);
+            push_bounded(&mut self.outages, Outage { since, last, frames, lasted });
+        }
     }
 
     /// Notes the beginning of a cycle by the frame that was just taken apart. `time`: the
@@ -290,6 +330,8 @@ impl Cycle {
     /// Operation begins: forgets the cycles and events before it.
     pub fn restart(&mut self) {
         self.silence = None;
+        self.outages.clear();
+        self.unanswered = 0;
         self.rhythm = Rhythm::default();
         self.by_clock = Rhythm::default();
         self.estimated = false;
@@ -320,6 +362,9 @@ impl Cycle {
         self.round_trip = Rhythm::default();
         self.overtaken = Rhythm::default();
         self.answer = None;
+        self.outages.clear();
+        self.unanswered = 0;
+        self.pauses.clear();
         for logical in &mut self.logical {
             let usual = logical.usual();
             logical.counts.retain(|count, _| Some(*count) == usual);
@@ -358,6 +403,12 @@ impl Cycle {
     }
 }
 
+fn push_bounded<T>(list: &mut Vec<T>, one: T) {
+    if list.len() < MOST_STRETCHES {
+        list.push(one);
+    }
+}
+
 impl Logical {
     fn count(&mut self, wkc: u16, at: Duration, frame: usize) {
         if self.counts.len() < MOST_COUNTS || self.counts.contains_key(&wkc) {
@@ -370,6 +421,12 @@ impl Logical {
     }
 }
 
+/// Frames in a row without an answer that are no single losses any more.
+pub(crate) const SILENT: u64 = 8;
+/// Time without process data that is a pause: a device that waits for them may give up.
+const PAUSE: Duration = Duration::from_millis(500);
+/// Outages, and pauses, that are kept.
+const MOST_STRETCHES: usize = 64;
 /// Logical datagrams that are kept apart.
 const MOST_LOGICAL: usize = 256;
 /// Working counters of one datagram that are kept apart.

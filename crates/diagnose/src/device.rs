@@ -28,12 +28,16 @@ pub(crate) struct Device {
     pub states: States,
     pub mailbox: Mailbox,
     pub sync: SyncUnit,
+    /// Its system time as it was read last.
+    pub own_time: Option<Known<u64>>,
     pub errors: Errors,
     pub differences: Differences,
     /// The last frame that addressed it alone.
     pub last: usize,
     /// Changes of its clock's offset or delay while it was in OP.
     pub clock_set: Log<ClockSet>,
+    /// Changes of its clock's offset or delay while SYNC0 was on, before it was in OP.
+    pub clock_set_early: Log<ClockSet>,
     /// Its process data were read or written by its address in operation, without an FMMU.
     pub by_address: bool,
     /// Each time it stopped answering.
@@ -74,6 +78,7 @@ impl Device {
         self.errors.forget();
         self.differences.worst = None;
         self.clock_set = Log::new(MOST_EVENTS);
+        self.clock_set_early = Log::new(MOST_EVENTS);
         self.silences = Log::new(MOST_EVENTS);
     }
 
@@ -89,15 +94,16 @@ impl Device {
         let of = [register::SYSTEM_TIME_OFFSET.address, register::SYSTEM_TIME_DELAY.address];
         let end = usize::from(first) + data.len();
         let meets = usize::from(of[0]) < end && first < of[1] + 4;
-        let in_op = || self.states.now().is_some_and(|now| now.state() == Ok(AlState::Op));
-        let before = (meets && in_op()).then(|| self.clock());
+        let in_op = self.states.now().is_some_and(|now| now.state() == Ok(AlState::Op));
+        let before = (meets && (in_op || self.sync.is_on())).then(|| self.clock());
         self.image.write(first, data, frame);
         let Some(before) = before else { return };
         for ((address, before), now) in of.into_iter().zip(before).zip(self.clock()) {
             let written = usize::from(address) < end && first <= address;
             let by_ns = before.zip(now).map(|(before, now)| now.wrapping_sub(before));
             if written && by_ns != Some(0) {
-                self.clock_set.push(ClockSet { frame, at, address, by_ns });
+                let set = if in_op { &mut self.clock_set } else { &mut self.clock_set_early };
+                set.push(ClockSet { frame, at, address, by_ns });
             }
         }
     }
@@ -252,11 +258,13 @@ impl Devices {
             sii: Sii::default(),
             states: States::new(),
             mailbox: Mailbox::new(),
+            own_time: None,
             sync: SyncUnit::new(),
             errors: Errors::new(),
             differences: Differences::default(),
             last: frame,
             clock_set: Log::new(MOST_EVENTS),
+            clock_set_early: Log::new(MOST_EVENTS),
             by_address: false,
             silences: Log::new(MOST_EVENTS),
             silent: false,

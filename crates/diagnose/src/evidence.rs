@@ -284,7 +284,7 @@ fn follows(observer: &Observer, device: &Device) -> bool {
 /// By how much the offset set the clock of a device ahead of the reference, ns, by the time at
 /// which both had the frame that latched it (0x0918). Some MainDevices leave the way between them
 /// to the drift loop, so the lesser distance counts, with the way or without it.
-fn ahead_when_set(observer: &Observer, device: &Device) -> Option<i64> {
+pub(crate) fn ahead_when_set(observer: &Observer, device: &Device) -> Option<i64> {
     let reference = &observer.devices.list[judge::reference(observer)?];
     let of = |device: &Device| {
         let latched = device.image.read(register::RECEIVE_TIME_EPU)?.value;
@@ -300,14 +300,14 @@ fn ahead_when_set(observer: &Observer, device: &Device) -> Option<i64> {
     [ahead, ahead.saturating_sub(way)].into_iter().min_by_key(|ahead| ahead.unsigned_abs())
 }
 
-fn is_wide(device: &Device) -> bool {
+pub(crate) fn is_wide(device: &Device) -> bool {
     let features = device.image.read(register::FEATURES);
     features.is_some_and(|known| known.value & register::features::DC_64_BIT != 0)
 }
 
 /// By how much the delay that was written to a device is longer than what the receive times say,
 /// ns, both against the reference.
-fn delay_error(observer: &Observer, device: &Device) -> Option<i64> {
+pub(crate) fn delay_error(observer: &Observer, device: &Device) -> Option<i64> {
     let reference = &observer.devices.list[judge::reference(observer)?];
     let measured = way(observer, device)? - way(observer, reference)?;
     let of = |device: &Device| kept(device, register::SYSTEM_TIME_DELAY).map(i64::from);
@@ -463,6 +463,30 @@ mod tests {
         // The upper half counts where there is one.
         let far = (1 << 40) - 1_000;
         assert_eq!((follows(wide, far, SETTLED), follows(0, far, SETTLED)), (false, true));
+    }
+
+    /// Times of different frames are none, nor are those of a ring, where the last device has a link
+    /// to somebody who is no device.
+    #[test]
+    fn only_times_of_one_frame_on_a_line_give_ways() {
+        let error = |change: &dyn Fn(&mut Device)| {
+            let mut observer = observer(0, 0, SETTLED);
+            let place = observer.devices.at(1).expect("it has a position");
+            change(&mut observer.devices.list[place]);
+            delay_error(&observer, &observer.devices.list[place])
+        };
+        assert_eq!(error(&|_| {}), Some(-1_000));
+        assert_eq!(error(&|last| last.image.note(0x0110, &0x0A30_u16.to_le_bytes(), 9)), None);
+        let first_takes = |ns: u32| {
+            let mut observer = observer(0, 0, SETTLED);
+            let [first, place] = [0, 1].map(|at| observer.devices.at(at).expect("there"));
+            let back = 5_000_u32.wrapping_add(ns);
+            observer.devices.list[first].image.note(0x0904, &back.to_le_bytes(), 9);
+            delay_error(&observer, &observer.devices.list[place])
+        };
+        assert_eq!(first_takes(1_999_998), Some(-999_999));
+        assert_eq!(first_takes(2_000_000), None);
+        assert_eq!(first_takes(0_u32.wrapping_sub(2_000)), None);
     }
 
     #[test]

@@ -96,6 +96,8 @@ kinds! {
     DevicesVanished { from: u16, to: u16, silent: Vec<usize> } "devices-vanished" Fault;
     /// Cyclic frames did not come back any more, to the end of the capture.
     SilentToTheEnd { frames: u64, for_ns: u64 } "silent-to-the-end" Fault;
+    /// For a time no cyclic frame came back; before and behind they did.
+    NothingCameBack { times: u64, frames: u64, for_ns: u64 } "nothing-came-back" Fault;
     /// A device that was in OP no longer answers.
     DeviceSilent {} "device-silent" Fault;
     /// SYNC0 runs, and no drift frames distribute the reference time.
@@ -106,6 +108,16 @@ kinds! {
     CycleBelowMinimum { object: ObjectAddress, minimum_ns: u64, cycle_ns: u64 } "cycle-below-minimum" Fault;
     /// The start time was in the past when SYNC was switched on.
     StartInPast { late_ns: u64 } "start-in-past" Fault;
+    /// The clock is so far from the reference that SYNC0 starts at another instant, or never.
+    ClockFar { ahead_ns: i64 } "clock-far" Fault;
+    /// The propagation delay that was written is not what the receive times say.
+    OtherDelay { written_ns: u32, measured_ns: i64 } "other-delay" Fault;
+    /// Offset or delay of a clock were changed while SYNC0 ran, which was not set up anew.
+    ClockSetEarly { address: u16, by_ns: i64 } "clock-set-early" Fault;
+    /// The device was asked for OP and refused it, and no process data came meanwhile.
+    OpWithoutData { status: AlStatus, code: Option<AlStatusCode>, for_ns: u64 } "op-without-data" Fault;
+    /// The mailbox does not answer any more, though the MainDevice looks for the answer.
+    MailboxStalled { object: ObjectAddress, for_ns: u64 } "mailbox-stalled" Fault;
     /// The synchronization type needs a SYNC signal that is not switched on.
     ModeWithoutSync { object: ObjectAddress, mode: SyncType } "mode-without-sync" Fault;
     /// SYNC0 was switched off while the device was to stay in OP.
@@ -172,6 +184,8 @@ kinds! {
     SdoAborted { object: ObjectAddress, code: AbortCode, written: bool, count: u64 } "sdo-aborted" Warning;
     /// No answer to a mailbox request was seen.
     MailboxSilent { object: ObjectAddress, count: u64 } "mailbox-silent" Warning;
+    /// A mailbox request was sent while the device was in INIT, and had no answer in time.
+    MailboxEarly { object: ObjectAddress, count: u64 } "mailbox-early" Warning;
     /// The device refused a mailbox message.
     MailboxError { detail: ErrorDetail, count: u64 } "mailbox-error" Warning;
     /// A device sent an emergency message.

@@ -14,7 +14,7 @@ use crate::finding::{Finding, Kind};
 use crate::judge::claims::Held;
 use crate::known::Known;
 use crate::observer::Observer;
-use crate::state::Asked;
+use crate::state::{Asked, StateSeen};
 use crate::talker::Talker;
 
 pub(crate) mod claims;
@@ -39,14 +39,14 @@ pub(crate) fn findings(observer: &Observer, tap: Tap, rulings: &[Held]) -> Vec<F
     }
     asked_down(observer, &mut all);
     talkers(observer, &mut all);
-    claims::judge(rulings, &mut all);
+    claims::judge(observer, rulings, &mut all);
     consequences(&mut all);
     all.sort_by_key(|finding| {
         let place = finding.order.unwrap_or(finding.frame);
         // A device that is gone comes before the frames that were lost with it.
         let explains = match finding.kind {
             _ if finding.order.is_none() => 2,
-            Kind::DevicesVanished { .. } | Kind::DeviceSilent {} => 0,
+            Kind::DevicesVanished { .. } | Kind::DeviceSilent {} | Kind::SyncPassed { .. } => 0,
             Kind::WorkingCounter { .. } => 1,
             _ => 2,
         };
@@ -74,6 +74,8 @@ fn consequences(all: &mut [Finding]) {
                 [&lost[..], &fell[..]]
             }
             Kind::WorkingCounter { .. } => [&lost[..], &[]],
+            // Copying came too late before the first frame lay on the other side.
+            Kind::SyncPassed { .. } => [&fell[..], &[]],
             // Its state was read for the first time since OP was requested.
             Kind::AlError { .. } => [&unnamed[..], &[]],
             _ => continue,
@@ -113,7 +115,12 @@ fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Find
         } else if seen.error() {
             let later = &changes[at + 1..];
             let came_up = later.iter().any(|later| Some(later.status.0) == asked.map(|s| s as u16));
-            Some(Kind::AlError { asked, status, code, came_up })
+            Some(
+                match without_data(seen, device, observer).filter(|_| asked == Some(AlState::Op)) {
+                    Some(for_ns) if !came_up => Kind::OpWithoutData { status, code, for_ns },
+                    _ => Kind::AlError { asked, status, code, came_up },
+                },
+            )
         } else {
             None
         };
@@ -125,6 +132,20 @@ fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Find
         was_op = in_op;
     }
     stayed_below(place, device, observer, all);
+}
+
+/// For how long, ns, no process data came between the request and the error that answered it; `None`:
+/// they came, or another thing than missing outputs or SYNC events is the error.
+fn without_data(seen: &StateSeen, device: &Device, observer: &Observer) -> Option<u64> {
+    seen.code.filter(|code| AWAITS_DATA.contains(&code.0))?;
+    let asked = seen.asked?.frame;
+    let asked = device.states.requests.kept.iter().rfind(|request| request.frame <= asked)?.at;
+    let cycle = &observer.cycle;
+    let rest = (cycle.last_at.unwrap_or_default(), observer.last);
+    let pauses = cycle.pauses.iter().copied().chain([rest]);
+    let without = pauses.map(|(from, to)| to.min(seen.at).saturating_sub(from.max(asked)));
+    let longest = without.max().filter(|without| *without >= PATIENCE)?;
+    u64::try_from(longest.as_nanos()).ok()
 }
 
 /// A device that was asked for OP some time before the end, was looked at since, and never was
@@ -256,6 +277,15 @@ fn mailbox(place: usize, device: &Device, all: &mut Vec<Finding>) {
         let kind = Kind::MailboxSilent { object: first.value, count: mailbox.unanswered.count };
         all.push(Finding::new(kind, Some(place), first.frame).likely());
     }
+    if let Some(first) = mailbox.early.kept.first() {
+        let kind = Kind::MailboxEarly { object: first.value, count: mailbox.early.count };
+        all.push(Finding::new(kind, Some(place), first.frame));
+    }
+    if let Some(stalled) = mailbox.stalled() {
+        let for_ns = u64::try_from(stalled.took.as_nanos()).unwrap_or(u64::MAX);
+        let kind = Kind::MailboxStalled { object: stalled.object, for_ns };
+        all.push(Finding::new(kind, Some(place), stalled.frame));
+    }
     if let Some(first) = mailbox.errors.kept.first() {
         let kind = Kind::MailboxError { detail: first.value, count: mailbox.errors.count };
         all.push(Finding::new(kind, Some(place), first.frame));
@@ -339,6 +369,9 @@ pub(crate) fn reference(observer: &Observer) -> Option<usize> {
 /// Time within which a device that was asked for OP must have been seen there: a program may look
 /// seldom.
 pub(crate) const PATIENCE: Duration = Duration::from_millis(500);
+/// AL status codes of a device that missed outputs or the events with them: synchronization error,
+/// watchdog, fatal synchronization error, no synchronization error.
+const AWAITS_DATA: [u16; 4] = [0x001A, 0x001B, 0x002C, 0x002D];
 /// How long process data may go on when all devices were asked to leave OP, as programs end.
 const WAY_DOWN: Duration = Duration::from_secs(1);
 /// How often the source of frames must change to a talker before it counts as talking at the same

@@ -6,6 +6,7 @@
 //! content, and [`Mailbox::by_content`] says so.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use isocat_wire::coe::{self, AbortCode, Service, sdo};
 use isocat_wire::mailbox::{self, ErrorDetail, Protocol};
@@ -67,6 +68,21 @@ struct Pending {
     way: Way,
     bytes: Vec<u8>,
     frame: usize,
+    at: Duration,
+    /// The device was in INIT when it was sent.
+    in_init: bool,
+    /// How often the MainDevice looked for the answer, and when it did so last.
+    looks: u64,
+    looked_at: Duration,
+}
+
+/// An SDO request and how long its answer took.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Taken {
+    pub object: ObjectAddress,
+    /// The frame of the request.
+    pub frame: usize,
+    pub took: Duration,
 }
 
 /// The mailbox of one device.
@@ -83,6 +99,10 @@ pub(crate) struct Mailbox {
     pub emergencies: Log<Emergency>,
     /// SDO requests that were followed by another one before an answer was seen.
     pub unanswered: Log<Known<ObjectAddress>>,
+    /// SDO requests that were sent in INIT, and had no answer or a late one.
+    pub early: Log<Known<ObjectAddress>>,
+    /// The answer that took longest.
+    pub slowest: Option<Taken>,
     /// Messages were recognized by their content, because no frame shows where the mailboxes are.
     pub by_content: bool,
     pending: Option<Pending>,
@@ -98,28 +118,39 @@ impl Mailbox {
             errors: Log::new(64),
             emergencies: Log::new(64),
             unanswered: Log::new(64),
+            early: Log::new(64),
+            slowest: None,
             by_content: false,
             pending: None,
         }
     }
 
-    /// Takes a datagram to this device.
-    pub fn access(&mut self, access: &Access<'_>, image: &Image) {
+    /// Takes a datagram to this device; `in_init`: that is the state in which it was seen last.
+    pub fn access(&mut self, access: &Access<'_>, image: &Image, at: Duration, in_init: bool) {
         use Command::*;
-        if access.ado() < PROCESS_RAM || access.command.is_logical() {
+        if access.command.is_logical() {
+            return;
+        }
+        if access.ado() < PROCESS_RAM {
+            let managers = register::sync_manager(0).address..register::sync_manager(2).address;
+            let looks = matches!(access.command, Aprd | Fprd) && managers.contains(&access.ado());
+            if let Some(pending) = self.pending.as_mut().filter(|_| looks) {
+                pending.looks += 1;
+                pending.looked_at = at;
+            }
             return;
         }
         match access.command {
             Apwr | Fpwr if access.taken() != Some(false) => {
                 let Some(data) = access.written() else { return };
                 if self.is_message(access, data, image, 0) {
-                    self.went(data, access.frame);
+                    self.went(data, access.frame, at, in_init);
                 }
             }
             Aprd | Fprd => {
                 let Some(data) = access.read() else { return };
                 if self.is_message(access, data, image, 1) {
-                    self.came(data, access.frame);
+                    self.came(data, access.frame, at);
                 }
             }
             _ => {}
@@ -146,7 +177,7 @@ impl Mailbox {
         }
     }
 
-    fn went(&mut self, data: &[u8], frame: usize) {
+    fn went(&mut self, data: &[u8], frame: usize, at: Duration, in_init: bool) {
         let Some(header) = data.first_chunk().map(mailbox::Header::parse) else { return };
         self.messages.entry(header.protocol.0).or_default()[0] += 1;
         if header.protocol != Protocol::COE {
@@ -164,17 +195,21 @@ impl Mailbox {
             _ => return,
         };
         if let Some(old) = self.pending.take() {
-            self.unanswered.push(Known { value: old.object, frame: old.frame });
+            let log = if old.in_init { &mut self.early } else { &mut self.unanswered };
+            log.push(Known { value: old.object, frame: old.frame });
         }
         let bytes = match way {
             Way::Written => initiate_data(&initiate, body),
             Way::Read => Vec::new(),
         };
         let (object, complete) = (initiate.object, initiate.command.complete());
-        self.pending = Some(Pending { object, complete, way, bytes, frame });
+        let (looks, looked_at) = (0, at);
+        let pending =
+            Pending { object, complete, way, bytes, frame, at, in_init, looks, looked_at };
+        self.pending = Some(pending);
     }
 
-    fn came(&mut self, data: &[u8], frame: usize) {
+    fn came(&mut self, data: &[u8], frame: usize, at: Duration) {
         let Some(header) = data.first_chunk().map(mailbox::Header::parse) else { return };
         self.messages.entry(header.protocol.0).or_default()[1] += 1;
         let behind = &data[mailbox::HEADER_LEN..];
@@ -195,9 +230,33 @@ impl Mailbox {
                     self.emergencies.push(Emergency { code, register, frame });
                 }
             }
-            Service::SDO_REQUEST | Service::SDO_RESPONSE => self.answer(body, frame),
+            Service::SDO_REQUEST | Service::SDO_RESPONSE => {
+                self.took(at);
+                self.answer(body, frame);
+            }
             _ => {}
         }
+    }
+
+    /// The answer to the pending request has come.
+    fn took(&mut self, at: Duration) {
+        let Some(Pending { object, frame, at: sent, in_init, .. }) = self.pending else { return };
+        let took = at.saturating_sub(sent);
+        if self.slowest.is_none_or(|slowest| slowest.took < took) {
+            self.slowest = Some(Taken { object, frame, took });
+        }
+        if in_init && took >= LATE {
+            self.early.push(Known { value: object, frame });
+        }
+    }
+
+    /// The request that nothing answers, though the MainDevice looked for the answer again and
+    /// again; how long it did so.
+    pub fn stalled(&self) -> Option<Taken> {
+        let pending = self.pending.as_ref().filter(|pending| pending.looks >= LOOKS)?;
+        let took = pending.looked_at.saturating_sub(pending.at);
+        let stalled = Taken { object: pending.object, frame: pending.frame, took };
+        Some(stalled).filter(|_| took >= STALLED)
     }
 
     fn answer(&mut self, body: &[u8], frame: usize) {
@@ -309,6 +368,11 @@ fn fits(data: &[u8]) -> bool {
         && specifier.is_some_and(|specifier| specifier <= sdo::specifier::ABORT)
 }
 
+/// How long an answer takes that a device gives as soon as it is in PREOP.
+const LATE: Duration = Duration::from_millis(100);
+/// How long, and how often at least, a MainDevice looks for an answer that does not come.
+const STALLED: Duration = Duration::from_secs(1);
+const LOOKS: u64 = 8;
 /// Bytes of an entry that are kept.
 const MOST_BYTES: usize = 64;
 /// Entries of one device that are kept.

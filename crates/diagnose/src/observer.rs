@@ -215,6 +215,9 @@ impl Observer {
             {
                 let took = answer.at.saturating_sub(at).as_nanos() as u64;
                 self.cycle.answered(request.number, answer.number, answer.at, took);
+                let passed =
+                    self.reach_now.map(|devices| u64::from(devices) * PASSED_NS + duration);
+                self.cycle.on_wire_ns = self.cycle.on_wire_ns.max(passed.unwrap_or(0));
             }
             if let Some(ns) = by_stamps {
                 onlooker(Measured::Interval { at_ns, ns });
@@ -427,13 +430,20 @@ impl Observer {
         {
             device.image.note(first, data, access.frame);
         }
+        if let Some(data) = read.filter(|_| alone)
+            && let Some(bytes) = part::<8>(first, data, register::SYSTEM_TIME.address)
+        {
+            let value = u64::from_le_bytes(bytes);
+            device.own_time = Some(Known { value, frame: access.frame });
+        }
         if written.is_some() || read.is_some() {
             device.sii.access(access);
             device.errors.access(access);
-            device.sync.access(access, at, &device.image, now);
+            device.sync.access(access, at, &device.image, now, device.own_time);
         }
         if alone {
-            device.mailbox.access(access, &device.image);
+            let in_init = device.states.now().is_some_and(|now| now.state() == Ok(AlState::Init));
+            device.mailbox.access(access, &device.image, at, in_init);
             device.differences.access(access, operating, device.sync.is_on());
         }
         if written.is_some() {
@@ -572,6 +582,9 @@ const MAPPING: Range<u16> = 0x0600..0x0900;
 const FMMUS_END: u16 = 0x0700;
 /// From the end of a frame to the next one's first bit behind its preamble, ns.
 const GAP_NS: u64 = 1_600;
+/// What a device and the cable to it take of a frame at most, out and back, ns: some 600 ns, and 100
+/// m of copper.
+const PASSED_NS: u64 = 2_000;
 /// Frames that would wait for the wire for longer were not sent together, ns.
 const MOST_QUEUED_NS: u64 = 5_000_000;
 /// Cycles without a reading of any state, after which a requested OP counts as reached.

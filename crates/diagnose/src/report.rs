@@ -3,12 +3,14 @@
 use std::time::Duration;
 
 use isocat_captures::pairing::{Seen as TapSeen, Tally as Pairs, Tap};
+use isocat_wire::AlState;
 
 use crate::access::shows_answers;
 use crate::files::Files;
 use crate::finding::{Finding, Sure, Weight};
 use crate::judge::claims::Held;
 use crate::observer::Observer;
+use crate::state::Asked;
 use crate::{Names, clock, cycle, judge, words};
 
 mod comments;
@@ -74,7 +76,7 @@ pub(crate) fn report(
     let doubts = Doubts {
         unseen: in_order().map(|device| device.states.op.is_none()).collect(),
         pulsing: in_order().map(|device| device.sync.operates()).collect(),
-        lacking: lacking(&rulings, names),
+        lacking: lacking(&rulings, names, observer),
         unled: crate::evidence::unled(observer)
             .and_then(|unled| builder.order.iter().position(|place| *place == unled)),
         is_open: tap.is_some_and(|tap| tap.seen == TapSeen::Back) && observer.is_operating(),
@@ -108,12 +110,25 @@ struct Doubts {
 
 /// What is missing to say that the segment is in sync as it was meant: the evidence for the first
 /// unchecked claim about the state, the mode or the SYNC0 of a SubDevice.
-fn lacking(rulings: &[Held], names: &Names) -> Option<String> {
+fn lacking(rulings: &[Held], names: &Names, observer: &Observer) -> Option<String> {
     let decides = ["operates", "mode", "sync0-cycle", "in-phase"];
     let mut unchecked = rulings.iter().flat_map(|held| &held.ruling.unchecked);
     let unchecked = unchecked.find(|one| decides.contains(&one.rule))?;
     let name = unchecked.device.and_then(|at| names.positions.get(at));
+    let place = unchecked.device.and_then(|at| observer.devices.at(u16::try_from(at).ok()?));
+    let states = place.map(|place| &observer.devices.list[place].states);
+    let below =
+        states.and_then(|states| states.last_seen()).filter(|_| unchecked.rule == "operates");
     Some(match name {
+        Some(name) if let Some((status, _)) = below => {
+            let op = |asked: &Asked| asked.control.state() == Ok(AlState::Op);
+            let requests = states.map(|states| &states.requests.kept).into_iter().flatten();
+            let asked = match requests.into_iter().any(op) {
+                true => "",
+                false => ", and nothing asked it for OP",
+            };
+            format!("{name} in OP: it was in {status} at last{asked}")
+        }
         Some(name) => format!("{} of {name}", unchecked.needs),
         None => unchecked.needs.to_owned(),
     })
@@ -381,6 +396,7 @@ impl Builder<'_> {
             by_stamps: self.rhythm(&cycle.rhythm),
             by_clock: self.rhythm(&cycle.by_clock),
             round_trip: self.rhythm(&cycle.round_trip),
+            on_wire_ns: Some(cycle.on_wire_ns).filter(|ns| *ns > 0),
             transmissions: cycle.logical.iter().map(|one| self.transmission(one)).collect(),
         })
     }

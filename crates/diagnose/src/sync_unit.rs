@@ -28,6 +28,8 @@ pub(crate) struct Switched {
     pub now: Option<Known<u64>>,
     /// Time between that reading and this write, by the stamps of the capture.
     pub since: Duration,
+    /// The device's own system time as it was last read before the write.
+    pub own: Option<Known<u64>>,
 }
 
 impl Switched {
@@ -92,6 +94,7 @@ impl SyncUnit {
         at: Duration,
         image: &Image,
         now: Option<(Known<u64>, Duration)>,
+        own: Option<Known<u64>>,
     ) {
         let start = register::SYNC_START_TIME.address;
         if access.written().is_some() && access.taken() != Some(false) && access.covers(start, 4) {
@@ -101,7 +104,7 @@ impl SyncUnit {
         let activation = register::SYNC_ACTIVATION.address;
         let written = access.written().filter(|_| access.taken() != Some(false));
         if let Some([byte]) = written.and_then(|data| part(access.ado(), data, activation)) {
-            self.switch(access.frame, at, SyncActivation(byte), image, now);
+            self.switch(access.frame, at, SyncActivation(byte), image, now, own);
         }
         if access.read().is_some() && self.is_on() {
             self.look(access, start);
@@ -115,6 +118,7 @@ impl SyncUnit {
         activation: SyncActivation,
         image: &Image,
         now: Option<(Known<u64>, Duration)>,
+        own: Option<Known<u64>>,
     ) {
         let control = image.latest(register::CYCLIC_UNIT_CONTROL).map_or(0, |known| known.value);
         let switched = Switched {
@@ -125,6 +129,7 @@ impl SyncUnit {
             sync1_cycle: image.written(register::SYNC1_CYCLE),
             start: self.start(image),
             now: now.map(|(now, _)| now),
+            own,
             since: now.map_or(Duration::ZERO, |(_, then)| at.saturating_sub(then)),
         };
         self.switched.push(switched);

@@ -15,16 +15,14 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
     match kind {
         Kind::Breached(breach) => format!("{subject}: {breach}"),
         Kind::ClockSet { address, by_ns } => {
-            let by = by_ns.map_or(String::new(), |by| {
-                let sign = if by < 0 { "-" } else { "" };
-                format!(" by {sign}{}", ns(by.unsigned_abs()))
-            });
-            let what =
-                if *address == register::SYSTEM_TIME_DELAY.address { "delay" } else { "offset" };
-            format!(
-                "the {what} of the clock of {subject} ({address:#06x}) was changed{by} in operation"
-            )
+            let by = by_ns.map_or(String::new(), |by| format!(" by {}", signed(by)));
+            format!("{} was changed{by} in operation", of_clock(*address, subject))
         }
+        Kind::ClockSetEarly { address, by_ns } => format!(
+            "{} was changed by {} more than that of the reference while SYNC0 was still on from before, and SYNC0 was not set up anew: it moved with the clock",
+            of_clock(*address, subject),
+            signed(*by_ns)
+        ),
         Kind::LeftOp { to, code } => {
             format!("{subject} left OP for {} without a request", with_code(*to, *code))
         }
@@ -63,8 +61,23 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
             "nothing came back any more: {frames} cyclic frames in the last {} of the capture have no answer",
             ns(*for_ns)
         ),
+        Kind::NothingCameBack { times, frames, for_ns } => {
+            let again = match times {
+                1 => String::new(),
+                _ => format!("; so {times} times in all, this was the longest"),
+            };
+            format!(
+                "no frame came back for {}: {frames} cyclic frames in a row have no answer{again}",
+                ns(*for_ns)
+            )
+        }
         Kind::AskedDown { state, for_ns } => format!(
             "the MainDevice asked all SubDevices for {state}, and its process data went on for {} without them",
+            ns(*for_ns)
+        ),
+        Kind::OpWithoutData { status, code, for_ns } => format!(
+            "{subject} was asked for OP and is in {}: no process data came for {} meanwhile",
+            with_code(*status, *code),
             ns(*for_ns)
         ),
         Kind::StayedBelow { status } => {
@@ -131,6 +144,18 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
         Kind::StartInPast { late_ns } => format!(
             "{subject}: the start time (0x0990) had passed by {} when SYNC was switched on (0x0981)",
             ns(*late_ns)
+        ),
+        Kind::ClockFar { ahead_ns } => format!(
+            "{subject}: its clock was {} {} the reference when SYNC was switched on: by that clock the start time (0x0990) is to come, \
+             by the reference's it has passed; its offset (0x0920) is wrong",
+            ns(ahead_ns.unsigned_abs()),
+            if *ahead_ns < 0 { "behind" } else { "ahead of" }
+        ),
+        Kind::OtherDelay { written_ns, measured_ns } => format!(
+            "{subject}: its propagation delay (0x0928) was written as {}, and by the receive times (0x0900) it is {}: its clock, and \
+             SYNC0 with it, is off by the difference",
+            ns(u64::from(*written_ns)),
+            time(*measured_ns as f64)
         ),
         Kind::NoDriftFrames {} => {
             "SYNC0 runs, and no frame leads the clocks (FRMW or ARMW of 0x0910)".to_owned()
@@ -204,6 +229,14 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
             "{subject}: the request for {object} has no answer before the next one{}",
             more(*count, "of these")
         ),
+        Kind::MailboxEarly { object, count } => format!(
+            "{subject}: the request for {object} was sent before PREOP, in INIT, where no mailbox answers: it had no answer in time{}",
+            more(*count, "of these")
+        ),
+        Kind::MailboxStalled { object, for_ns } => format!(
+            "{subject}: its mailbox does not answer any more: the request for {object} had no answer for {} in which it was looked for",
+            ns(*for_ns)
+        ),
         Kind::MailboxError { detail, count } => format!(
             "{subject} refused a mailbox message: {detail}{}",
             more(*count, "mailbox errors")
@@ -259,9 +292,17 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
             "isocat scan --interface IF --rescue names the port behind which the line is dead",
             "look whether the capture's own interface has a link",
         ],
+        Kind::NothingCameBack { .. } => &[
+            "look at the link of the MainDevice's port, the first cable and the power of the first device; or one way of a cable further on is dead while both ends keep their links",
+            "isocat scan --interface IF --rescue names the port behind which the line is dead",
+        ],
         Kind::AskedDown { .. } => &[
             "do not scan or set up anew while the segment operates: that asks all SubDevices for INIT",
             "bring them up again before process data go on, or end the exchange",
+        ],
+        Kind::OpWithoutData { .. } => &[
+            "send process data in every cycle before OP is asked for, and go on with them while AL status is read: on the way to OP a device waits \
+             for outputs and gives up after some seconds",
         ],
         Kind::StayedBelow { .. } => &[
             "read 0x0134 (AL status code): a device that waits for SYNC0 or for outputs says so after some seconds",
@@ -316,6 +357,17 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
             "read the reference's system time just before, and take a start time 100 ms later",
             "write the start time after the offsets (0x0920) have taken effect",
         ],
+        Kind::ClockSetEarly { .. } => &[
+            "switch SYNC off (0x0981 = 0, by broadcast) before devices are set up anew, and write start time and cycle again behind the offset",
+        ],
+        Kind::ClockFar { .. } => &[
+            "write 0x0920 of each device from its receive time (0x0918) and the time there should be, before SYNC is switched on",
+            "leave offsets alone from then on until SYNC is off",
+        ],
+        Kind::OtherDelay { .. } => &[
+            "measure the delays anew: latch receive times (write 0x0900), compute, and write 0x0928 of each device before SYNC is switched on",
+            "look whether the MainDevice takes the ports in their order (0, 3, 1, 2)",
+        ],
         Kind::NoDriftFrames {} | Kind::DriftFramesStopped { .. } => {
             &["send FRMW of 0x0910 to the reference in each cycle"]
         }
@@ -369,6 +421,13 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
             &["read 0x0984 after the start time: bit 0 is clear once the first pulse has come"]
         }
         Kind::MailboxSilent { .. } => &["poll the mailbox (SM1) until the answer is there"],
+        Kind::MailboxEarly { .. } => {
+            &["wait until AL status (0x0130) says PREOP before the mailbox is used, not for a time"]
+        }
+        Kind::MailboxStalled { .. } => &[
+            "switch its power off and on: a mailbox that stalled in the device's program seldom comes back by itself",
+            "ask its maker for a firmware that serves the mailbox, if it stalls again",
+        ],
         Kind::MailboxError { .. } => {
             &["compare the message with what the device's mailbox can take"]
         }
@@ -381,6 +440,16 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         Kind::EepromWritten { .. } => &[],
     };
     own.iter().map(|one| (*one).to_owned()).collect()
+}
+
+/// `the offset of the clock of SubDevice 1 (0x0920)`.
+fn of_clock(address: u16, subject: &str) -> String {
+    let what = if address == register::SYSTEM_TIME_DELAY.address { "delay" } else { "offset" };
+    format!("the {what} of the clock of {subject} ({address:#06x})")
+}
+
+fn signed(by_ns: i64) -> String {
+    format!("{}{}", if by_ns < 0 { "-" } else { "" }, ns(by_ns.unsigned_abs()))
 }
 
 fn with_code(status: AlStatus, code: Option<AlStatusCode>) -> String {

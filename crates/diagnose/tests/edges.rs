@@ -1,6 +1,8 @@
 //! Tests each finding at its edge: on one side nothing is found; one step further, the finding is
 //! there. The captures are made by hand, with the frames of one device and its MainDevice.
 
+use std::ops::Range;
+
 use isocat_diagnose::{DiagnoseReport, Diagnosis, Names};
 use isocat_wire::coe::{self, Service, sdo};
 use isocat_wire::datagram::Address;
@@ -62,14 +64,22 @@ struct Setup {
     cycles: u64,
     /// States are read after OP was requested.
     looks: bool,
-    /// The cycle whose frame does not come back.
-    lost: Option<u64>,
+    /// The cycles whose frames do not come back.
+    lost: Range<u64>,
     /// Number of cycles at the end in which the device counts nothing and leaves frames unchanged.
     gone: u64,
     /// How much later the frame of cycle 50 comes a second time, ns; 0: it does not.
     again: u64,
     /// All frames have the same index.
     one_index: bool,
+    /// The device's own clock when SYNC is switched on, if it is read.
+    own_time: Option<u64>,
+    /// An SDO request in INIT, and when its answer is fetched, us.
+    early_us: Option<u64>,
+    /// How often the answer to an SDO request in operation is looked for, each 125 cycles.
+    looked_for: u64,
+    /// OP is refused, so long after the request, us, with this code; no process data come.
+    refused: Option<(u64, u8)>,
 }
 
 impl Default for Setup {
@@ -100,10 +110,14 @@ impl Default for Setup {
             links: 0,
             cycles: 100,
             looks: true,
-            lost: None,
+            lost: 0..0,
             gone: 0,
             again: 0,
             one_index: false,
+            own_time: None,
+            early_us: None,
+            looked_for: 0,
+            refused: None,
         }
     }
 }
@@ -191,6 +205,14 @@ impl Wire {
         data
     }
 
+    /// A request for 0x1C32:01 without its answer.
+    fn ask(&mut self) {
+        let (object, data) = (ObjectAddress::new(0x1C32, 1), [0; 4]);
+        let request = sdo::Initiate { command: sdo::Command::upload_request(false), object, data };
+        let request = self.mail(Service::SDO_REQUEST, request);
+        self.write(0x1000, &request);
+    }
+
     /// The MainDevice reads or writes an entry.
     fn sdo(&mut self, index: u16, sub: u8, value: &[u8], written: bool) {
         let object = ObjectAddress::new(index, sub);
@@ -248,6 +270,16 @@ impl Setup {
             wire.read(0x0110, &[self.links, 0]);
         }
         wire.write(0x0800, &[0x00, 0x10, 64, 0, 0x26, 0, 1, 0, 0x80, 0x10, 64, 0, 0x22, 0, 1, 0]);
+        if let Some(after) = self.early_us {
+            let object = ObjectAddress::new(0x1C32, 1);
+            let command = sdo::Command::upload_expedited(2, false);
+            let answer = sdo::Initiate { command, object, data: [2, 0, 0, 0] };
+            let answer = wire.mail(Service::SDO_RESPONSE, answer);
+            let asked = wire.micros;
+            wire.ask();
+            wire.micros = asked + after;
+            wire.read(0x1080, &answer);
+        }
         wire.write(0x0120, &[2, 0]);
         wire.read(0x0130, &[2, 0, 0, 0, 0, 0]);
         wire.sdo(0x1C32, 1, &self.mode.to_le_bytes(), true);
@@ -270,15 +302,25 @@ impl Setup {
         }
         wire.write(0x09A0, &(self.cycle as u32).to_le_bytes());
         wire.write(0x0990, &self.start.to_le_bytes());
+        if let Some(own) = self.own_time {
+            let first = Address::Position(AutoIncrementAddress(0), 0x0910);
+            wire.exchange(&[(Command::Aprd, first, &[0; 8], &own.to_le_bytes(), 1)]);
+        }
         wire.write(0x0980, &self.sync);
         wire.read(0x0984, &[0]);
         wire.write(0x0120, &[4, 0]);
         wire.read(0x0130, &[4, 0, 0, 0, 0, 0]);
+        let asked = wire.micros;
         wire.write(0x0120, &[8, 0]);
-        if self.looks {
-            wire.read(0x0130, &[8, 0, 0, 0, 0, 0]);
+        if let Some((after, code)) = self.refused {
+            wire.micros = asked + after;
+            wire.read(0x0130, &[0x14, 0, 0, 0, code, 0]);
+        } else {
+            if self.looks {
+                wire.read(0x0130, &[8, 0, 0, 0, 0, 0]);
+            }
+            self.operate(&mut wire);
         }
-        self.operate(&mut wire);
         let mut diagnosis = Diagnosis::new();
         diagnosis.read("made", &wire.file[..]).expect("a capture");
         diagnosis.report(&Names::default()).expect("EtherCAT")
@@ -307,7 +349,12 @@ impl Setup {
             if self.one_index {
                 wire.index = 0;
             }
-            if self.lost == Some(cycle) {
+            if self.looked_for > 0 && cycle == 0 {
+                wire.ask();
+            } else if cycle % 125 == 0 && (1..=self.looked_for).contains(&(cycle / 125)) {
+                wire.read(0x080D, &[0]);
+            }
+            if self.lost.contains(&cycle) {
                 // Both packets have the same length.
                 wire.file.truncate((before + wire.file.len()) / 2);
             }
@@ -412,6 +459,10 @@ fn cycles_that_do_not_fit() {
 fn start_time() {
     let of = |start| Setup { start, ..Setup::default() };
     edge(of(NOW), of(NOW - 1), "start-in-past");
+    // By its own clock it has passed as well, or it is to come.
+    let own = |own| Setup { own_time: Some(own), ..of(NOW - 1) };
+    assert_eq!(own(NOW - 1).found(), ["start-in-past"]);
+    assert_eq!(own(NOW - 2).found(), ["clock-far"]);
 }
 
 #[test]
@@ -531,6 +582,46 @@ fn devices_that_leave_op() {
 }
 
 #[test]
+fn op_is_refused_for_want_of_process_data() {
+    let of = |after, code| Setup { refused: Some((after, code)), ..Setup::default() };
+    assert_eq!(
+        of(500_000, 0x1B).found(),
+        ["op-without-data"],
+        "{}",
+        of(500_000, 0x1B).report().text()
+    );
+    assert_eq!(of(499_999, 0x1B).found(), ["al-error"]);
+    assert_eq!(of(500_000, 0x1D).found(), ["al-error"], "an invalid output configuration");
+}
+
+#[test]
+fn mailboxes() {
+    let early = |after| Setup { early_us: Some(after), ..Setup::default() };
+    edge(early(99_999), early(100_000), "mailbox-early");
+    let of = |looked_for| Setup { looked_for, cycles: 1_100, ..Setup::default() };
+    edge(of(7), of(8), "mailbox-stalled");
+    let took = |setup: &Setup| {
+        let device = setup.report().devices.swap_remove(0);
+        device.mailbox.and_then(|mailbox| mailbox.slowest).map(|slowest| slowest.took_ns)
+    };
+    assert_eq!(took(&early(99_999)), Some(99_999_000));
+    assert_eq!(took(&Setup::default()), Some(40_000));
+}
+
+/// Frames that did not come back, one by one or in a row.
+#[test]
+fn outages() {
+    let of = |lost| Setup { lost, ..Setup::default() };
+    assert_eq!(of(60..67).found(), ["frames-lost"]);
+    let report = of(60..68).report();
+    assert_eq!(of(60..68).found(), ["nothing-came-back"], "{}", report.text());
+    let said = &report.findings[0].what;
+    assert!(said.contains("for 8 ms: 8 cyclic frames in a row"), "{said}");
+    // To the end it is another thing.
+    assert_eq!(of(60..100).found(), ["silent-to-the-end"]);
+}
+
+#[test]
 fn another_talker() {
     let of = |strangers| Setup { strangers, ..Setup::default() };
     edge(of(7), of(8), "another-talker");
@@ -539,7 +630,7 @@ fn another_talker() {
 /// Some MainDevices request OP and read no state afterwards: OP counts as reached 100 cycles later.
 #[test]
 fn operation_that_nothing_looks_at() {
-    let of = |lost| Setup { lost: Some(lost), cycles: 110, looks: false, ..Setup::default() };
+    let of = |lost| Setup { lost: lost..lost + 1, cycles: 110, looks: false, ..Setup::default() };
     edge(of(99), of(100), "frames-lost");
     let looks = Setup { looks: true, ..of(0) };
     assert_eq!(looks.found().first(), Some(&"frames-lost"), "a state was read");

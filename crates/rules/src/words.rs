@@ -89,9 +89,11 @@ fn said(breach: &Breach) -> String {
             format!("runs in {found}, and is to run in {wanted}{why}")
         }
         Breach::StartPassed { ago } => format!(
-            "its SYNC0 never comes: the start time (0x0990) had passed, by now {} ago",
-            time((*ago).into())
+            "its SYNC0 never comes: the start time (0x0990) had passed, by now {ago} ago"
         ),
+        Breach::OtherSync0Cycle { wanted, found } if found.0 == 0 => {
+            format!("its SYNC0 comes a single time (0x09A0 is 0), and is to come each {wanted}")
+        }
         Breach::OtherSync0Cycle { wanted, found } => {
             format!("its SYNC0 comes each {found} (0x09A0), and is to come each {wanted}")
         }

@@ -13,6 +13,7 @@ use isocat_sim::fault::{Happened, Moment, RING_CABLE};
 use isocat_sim::observation::Observed;
 use isocat_sim::{Connection, Fault, MainPort, Passage, Served, ServedCycle, Tap, Timeline};
 use isocat_wire::datagram::datagrams;
+use isocat_wire::dc::SyncActivation;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
@@ -156,6 +157,8 @@ pub struct Session {
 pub struct Attempt {
     /// State of each SubDevice.
     pub states: Vec<AlState>,
+    /// 0x0981 of each SubDevice.
+    pub activations: Vec<SyncActivation>,
     /// What was otherwise than it was meant.
     pub breached: Vec<Breached>,
 }
@@ -814,7 +817,10 @@ impl Server {
         };
         let evidence = evidence::of_attempt(&self.served, &session.conduct, reference);
         let breached = isocat_rules::judge(&self.claims, &evidence).breached;
-        session.attempt = Some(Attempt { states: self.states.clone(), breached });
+        let devices = self.served.segment().devices();
+        let activations = devices.iter().map(|one| one.esc.register(register::SYNC_ACTIVATION));
+        let activations = activations.collect();
+        session.attempt = Some(Attempt { states: self.states.clone(), activations, breached });
     }
 
     fn end_session(&mut self) {

@@ -12,8 +12,9 @@ use isocat_sim::{Finding, Kind};
 
 use isocat_sync::object::{OUTPUT_PARAMETER, sub};
 use isocat_wire::coe::info::Access;
+use isocat_wire::dc::SyncActivation;
 use isocat_wire::time::{Nanos, Picos, Time, True};
-use isocat_wire::{AlState, ObjectAddress};
+use isocat_wire::{AlState, AlStatusCode, ObjectAddress};
 #[cfg(feature = "schema")]
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -442,8 +443,13 @@ fn not_judged(server: &Server, session: &Session) -> Vec<String> {
             continue;
         }
         let waits = refused.is_none() && breaches.is_empty();
-        let refusal =
-            refused.map_or(String::new(), |one| format!(" (AL status code {})", one.code));
+        let refusal = refused.map_or(String::new(), |one| {
+            let signals = match one.code {
+                AlStatusCode::INVALID_DC_SYNC_CONFIGURATION => signals(attempt.activations[at]),
+                _ => String::new(),
+            };
+            format!(" (AL status code {}{signals})", one.code)
+        });
         let state = format!("was in {}{refusal}", attempt.states[at]);
         let parts: Vec<_> = std::iter::once(state).chain(breaches).collect();
         reasons.push((waits, format!("SubDevice {at} ({name}) {}", parts.join("; "))));
@@ -457,6 +463,18 @@ fn not_judged(server: &Server, session: &Session) -> Vec<String> {
         reasons.insert(0, "no SubDevice was asked for OP".into());
     }
     reasons
+}
+
+/// Which SYNC signals are on, as the rest of a sentence.
+fn signals(activation: SyncActivation) -> String {
+    let on = |bit| activation.0 & SyncActivation::ACTIVE != 0 && activation.0 & bit != 0;
+    let which = match (on(SyncActivation::SYNC0), on(SyncActivation::SYNC1)) {
+        (true, true) => "SYNC0 and SYNC1 are on",
+        (true, false) => "SYNC0 is on",
+        (false, true) => "SYNC1 is on, SYNC0 is not",
+        (false, false) => "no SYNC signal is on",
+    };
+    format!("; {which}, 0x0981 = {:#04x}", activation.0)
 }
 
 fn answer(judged: Option<&JudgedSummary>) -> Answer {

@@ -35,11 +35,21 @@ pub(super) fn ways(observer: &Observer) -> Vec<Option<i64>> {
                     .map(|((before, (to, spent)), own)| before + spent + (to - own) / 2)
             }
         };
-        ways.push(way);
+        ways.push(way.filter(|way| (0..LONGEST_NS).contains(way)));
         path.push(ports);
+    }
+    while path.pop_if(|last| last.open.len() == 1).is_some() {}
+    // Something is behind a port that is none of these devices. In a ring that is the MainDevice's
+    // second port, and frames of the other direction set the times.
+    if !path.is_empty() {
+        ways.fill(None);
     }
     ways
 }
+
+/// The longest way that can be one, ns: light takes it through 200 km of fibre. What is longer, or
+/// negative, are times of different frames.
+const LONGEST_NS: i64 = 1_000_000;
 
 /// The open ports of a device, in the order in which frames pass them.
 struct Ports<'a> {

@@ -45,13 +45,14 @@ pub(crate) fn rulings(observer: &Observer) -> Vec<Held> {
     ended.chain(goes_on.then(|| hold(observer))).collect()
 }
 
-pub(super) fn judge(rulings: &[Held], all: &mut Vec<Finding>) {
+pub(super) fn judge(observer: &Observer, rulings: &[Held], all: &mut Vec<Finding>) {
     let breaches = rulings.iter().flat_map(|held| held.ruling.breached.iter().zip(&held.shown));
     let mut told: Vec<(Option<usize>, &'static str)> = Vec::new();
     for (Breached { breach, .. }, (place, frame, at)) in breaches {
         let key = (*place, breach.name());
         let again = told.contains(&key);
-        if again || all.iter().any(|own| says_more(own, breach, *place)) {
+        let more = |own: &Finding| says_more(own, breach, *place, observer);
+        if again || all.iter().any(more) {
             continue;
         }
         told.push(key);
@@ -62,20 +63,28 @@ pub(super) fn judge(rulings: &[Held], all: &mut Vec<Finding>) {
 }
 
 /// Whether a finding of the frames tells the breach with its cause, or to the frame.
-fn says_more(own: &Finding, breach: &Breach, place: Option<usize>) -> bool {
+fn says_more(own: &Finding, breach: &Breach, place: Option<usize>, observer: &Observer) -> bool {
     let of_device = own.device == place;
     match breach {
         Breach::NotOperated { .. } => {
             let down = matches!(
                 own.kind,
                 Kind::StayedBelow { .. }
+                    | Kind::OpWithoutData { .. }
                     | Kind::AlError { came_up: false, .. }
                     | Kind::LeftOp { .. }
                     | Kind::DeviceSilent {}
             );
             of_device && down
         }
-        Breach::StartPassed { .. } => of_device && matches!(own.kind, Kind::StartInPast { .. }),
+        Breach::StartPassed { .. } => {
+            of_device && matches!(own.kind, Kind::StartInPast { .. } | Kind::ClockFar { .. })
+        }
+        Breach::Sync0Apart { from, .. } => {
+            let first = u16::try_from(*from).ok().and_then(|from| observer.devices.at(from));
+            let either = of_device || own.device.is_some() && own.device == first;
+            either && matches!(own.kind, Kind::OtherDelay { .. } | Kind::ClockFar { .. })
+        }
         Breach::TimeNotDistributed { .. } => {
             matches!(own.kind, Kind::NoDriftFrames {} | Kind::DriftFramesStopped { .. })
         }

@@ -4,10 +4,9 @@ use isocat_wire::fmmu::Fmmu;
 use isocat_wire::{Command, register};
 
 use super::MOST_FRAMES;
-use crate::cycle::{Logical, Rhythm};
+use crate::cycle::{Logical, Outage, Rhythm, SILENT};
 use crate::device::{Device, Silence};
 use crate::finding::{Finding, Kind, Which};
-use crate::known::Log;
 use crate::observer::Observer;
 use crate::phase::Measured;
 
@@ -16,6 +15,7 @@ pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>
         working_counter(logical, observer, all);
     }
     if both_ways {
+        stopped(observer, all);
         lost(observer, all);
         silent(observer, all);
         late(observer, all);
@@ -158,24 +158,56 @@ pub(crate) fn share(logical: &Logical, device: &Device) -> u16 {
     }
 }
 
-/// Finds cyclic frames without an answer: with process data or the reference's time. Frames after
-/// the last answer do not count: theirs may come after the end of the capture.
+/// Outages, if they took most of the frames that did not come back: single losses may lie in a row
+/// by chance.
+fn outages(observer: &Observer) -> &[Outage] {
+    let outages = &observer.cycle.outages;
+    let silent = observer.cycle.silence.map_or(0, |(_, frames)| frames);
+    let frames: u64 = outages.iter().map(|outage| outage.frames).sum();
+    let single = observer.cycle.unanswered.saturating_sub(frames + silent);
+    if frames > single { outages } else { &[] }
+}
+
+/// Finds stretches in which nothing came back, though it did before and behind.
+fn stopped(observer: &Observer, all: &mut Vec<Finding>) {
+    let outages = outages(observer);
+    let Some(longest) = outages.iter().max_by_key(|outage| outage.lasted) else { return };
+    let first = outages[0].since;
+    let for_ns = u64::try_from(longest.lasted.as_nanos()).unwrap_or(u64::MAX);
+    let times = outages.len() as u64;
+    let kind = Kind::NothingCameBack { times, frames: longest.frames, for_ns };
+    let more = outages.iter().flat_map(|outage| [outage.since.frame, outage.last]);
+    let more = more.filter(|frame| *frame != first.frame).take(MOST_FRAMES);
+    all.push(Finding::new(kind, None, first.frame).at(first.value).with(more));
+}
+
+/// Finds cyclic frames without an answer: with process data or the reference's time. Frames of an
+/// outage are another finding, and frames after the last answer do not count: theirs may come after
+/// the end of the capture.
 fn lost(observer: &Observer, all: &mut Vec<Finding>) {
+    let outages = outages(observer);
+    let outage =
+        |frame: usize| outages.iter().any(|one| (one.since.frame..=one.last).contains(&frame));
     let mut frames: Vec<_> = observer
         .cycle
         .logical
         .iter()
         .flat_map(|logical| &logical.lost.kept)
         .chain(&observer.drift_lost.kept)
-        .filter(|lost| lost.frame < observer.cycle.last_answered)
+        .filter(|lost| lost.frame < observer.cycle.last_answered && !outage(lost.frame))
         .map(|lost| (lost.frame, lost.value))
         .collect();
     frames.sort_unstable();
     frames.dedup();
     let Some((first, at)) = frames.first().copied() else { return };
     let logs = observer.cycle.logical.iter().map(|logical| &logical.lost);
-    let left_off = logs.chain([&observer.drift_lost]).map(Log::left_off).max();
-    let count = frames.len() as u64 + left_off.unwrap_or(0);
+    let left_off = logs.chain([&observer.drift_lost]).any(|log| log.left_off() > 0);
+    let silent = observer.cycle.silence.map_or(0, |(_, frames)| frames);
+    let known: u64 = outages.iter().map(|outage| outage.frames).sum::<u64>() + silent;
+    let count = match left_off {
+        true => observer.cycle.unanswered.saturating_sub(known).max(frames.len() as u64),
+        false => frames.len() as u64,
+    };
     let kind = Kind::FramesLost { count };
     let more = frames.iter().map(|(frame, _)| *frame).take(MOST_FRAMES);
     all.push(Finding::new(kind, None, first).at(at).with(more).likely());
@@ -244,7 +276,8 @@ fn skipped(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
 /// Finds devices whose own frames were not sent at times, while those that begin a cycle were. Lost
 /// ones are a finding already.
 fn left_out(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
-    if all.iter().any(|found| matches!(found.kind, Kind::FramesLost { .. })) {
+    let lost = |kind: &Kind| matches!(kind, Kind::FramesLost { .. } | Kind::NothingCameBack { .. });
+    if all.iter().any(|found| lost(&found.kind)) {
         return;
     }
     for place in 0..observer.devices.list.len() {
@@ -270,8 +303,6 @@ fn count_of(rhythm: &Rhythm, limit: u64, kept: usize) -> u64 {
     }
 }
 
-/// Frames without an answer at the end that are no silence yet.
-const SILENT: u64 = 8;
 /// Time for which frames may be under way, ns.
 const UNDER_WAY_NS: u64 = 1_000_000;
 /// Intervals below which the cycle is not known.

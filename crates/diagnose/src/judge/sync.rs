@@ -17,12 +17,14 @@ use crate::sync_unit::Switched;
 pub(super) fn judge(observer: &Observer, all: &mut Vec<Finding>) {
     drift_frames(observer, all);
     for (place, device) in observer.devices.list.iter().enumerate() {
-        started(place, device, all);
+        started(place, device, observer, all);
+        other_delay(place, device, observer, all);
         modes(place, device, all);
         sync0_left_out(place, device, observer, all);
         sync0_switched_off(place, device, observer, all);
         differences(place, device, all);
         clock_set(place, device, observer, all);
+        clock_set_early(place, device, observer, all);
         minimum(place, device, all);
         mismatch(place, device, observer, all);
         forgotten(place, device, observer, all);
@@ -82,14 +84,19 @@ fn drift_frames(observer: &Observer, all: &mut Vec<Finding>) {
 }
 
 /// Judges the moment at which SYNC was switched on.
-fn started(place: usize, device: &Device, all: &mut Vec<Finding>) {
+fn started(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     for switched in device.sync.switched.kept.iter().filter(|one| one.makes_sync0()) {
         if let Some((now, start)) = switched.now.zip(switched.full_start()) {
             let late = now.value.wrapping_sub(start).cast_signed();
             // The reference's time was read in an earlier frame, so the real time is later, never
             // earlier.
             if late > 0 {
-                let kind = Kind::StartInPast { late_ns: late as u64 };
+                // By its own clock it may be to come: then that clock is at fault.
+                let ahead = ahead(device, observer, switched, now.value);
+                let kind = match ahead.filter(|ahead| late.saturating_add(*ahead) < 0) {
+                    Some(ahead_ns) => Kind::ClockFar { ahead_ns },
+                    None => Kind::StartInPast { late_ns: late as u64 },
+                };
                 let frames = switched.start.map(|start| start.frame).into_iter().chain([now.frame]);
                 let finding = Finding::new(kind, Some(place), switched.frame);
                 all.push(finding.at(switched.at).with(frames));
@@ -105,6 +112,29 @@ fn started(place: usize, device: &Device, all: &mut Vec<Finding>) {
     {
         let kind = Kind::ClocksNotConverged { ns: before.value.magnitude() };
         all.push(Finding::new(kind, Some(place), before.frame).with([last.frame]));
+    }
+}
+
+/// By how much the clock of a device was ahead of the reference's `now` when SYNC0 was switched on,
+/// ns: as its own time was read shortly before, or as its offset set it.
+fn ahead(device: &Device, observer: &Observer, switched: &Switched, now: u64) -> Option<i64> {
+    let own = switched.own.filter(|own| switched.frame.saturating_sub(own.frame) <= SHORTLY);
+    // A clock of 32 bits has nothing in the upper half.
+    match own.filter(|own| own.value > u32::MAX.into() || evidence::is_wide(device)) {
+        Some(own) => Some(own.value.wrapping_sub(now).cast_signed()),
+        None => evidence::ahead_when_set(observer, device),
+    }
+}
+
+/// Finds a propagation delay that is not what the receive times of the same capture say.
+fn other_delay(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let Some(last) = device.sync.last.filter(|last| last.makes_sync0()) else { return };
+    let Some(over) = evidence::delay_error(observer, device) else { return };
+    let written = device.image.written(register::SYSTEM_TIME_DELAY);
+    if let Some(written) = written.filter(|_| over.unsigned_abs() > APART_NS.into()) {
+        let measured_ns = i64::from(written.value) - over;
+        let kind = Kind::OtherDelay { written_ns: written.value, measured_ns };
+        all.push(Finding::new(kind, Some(place), written.frame).with([last.frame]));
     }
 }
 
@@ -204,6 +234,25 @@ fn clock_set(place: usize, device: &Device, observer: &Observer, all: &mut Vec<F
     let kind = Kind::ClockSet { address: first.address, by_ns: first.by_ns };
     let finding = Finding::new(kind, Some(place), first.frame).at(first.at);
     all.push(finding.with(set.map(|more| more.frame).take(MOST_FRAMES)));
+}
+
+/// A clock that was set anew on a second way up, while SYNC0 ran from the first and stayed as it was:
+/// SYNC0 has moved with it. What the reference was set by is no difference between devices.
+fn clock_set_early(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let last = device.sync.last.map_or(0, |last| last.frame);
+    let changes = |of: usize| {
+        let kept = &observer.devices.list[of].clock_set_early.kept;
+        kept.iter().filter(|set| set.frame > last)
+    };
+    let sum = |of| changes(of).filter_map(|set| set.by_ns).fold(0_i64, i64::saturating_add);
+    let by_ns = sum(place).saturating_sub(reference(observer).map_or(0, sum));
+    let Some(first) = changes(place).next() else { return };
+    let operated = device.states.op.is_some() && device.states.last_op > first.frame;
+    let known = changes(place).all(|set| set.by_ns.is_some());
+    if known && operated && by_ns.unsigned_abs() > APART_NS.into() {
+        let kind = Kind::ClockSetEarly { address: first.address, by_ns };
+        all.push(Finding::new(kind, Some(place), first.frame).at(first.at).with([last]));
+    }
 }
 
 /// The local cycle that the SYNC unit gives the device, ns: that of SYNC1 if SYNC1 is on.
@@ -382,6 +431,8 @@ pub(crate) const LEAST_CYCLES: u64 = 20;
 const MISMATCH: u64 = 20;
 /// Difference from the reference clock above which it is reported, ns.
 pub(crate) const APART_NS: u32 = 1_000;
+/// Frames between a reading of a clock and what is decided by it.
+const SHORTLY: usize = 200;
 /// Pause of drift frames above which it is reported, ns: clocks of 50 ppm drift apart by 5 us in
 /// it.
 const DRIFT_PAUSE_NS: u64 = 100_000_000;

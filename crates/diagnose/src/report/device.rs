@@ -225,6 +225,11 @@ fn mailbox(builder: &Builder<'_>, device: &Device) -> Option<MailboxReport> {
             .values()
             .fold([0, 0], |[to, from], [more_to, more_from]| [to + more_to, from + more_from]),
         transfers: mailbox.transfers,
+        slowest: mailbox.slowest.map(|slowest| SlowestAnswer {
+            object: slowest.object.to_string(),
+            took_ns: u64::try_from(slowest.took.as_nanos()).unwrap_or(u64::MAX),
+            frame: builder.files.place(slowest.frame),
+        }),
         aborts,
         sync_objects: sync_objects.collect(),
         by_content: mailbox.by_content,

@@ -325,6 +325,9 @@ pub struct CycleReport {
     /// From a frame to its answer, by the stamps of the capture: what the segment takes, and what
     /// the machine takes on which they were made. Null: the capture does not have both directions.
     pub round_trip: Option<RhythmReport>,
+    /// What frame, cables and devices take of it at most, computed, ns. The rest is the machine's.
+    /// Null: not known how many devices frames pass.
+    pub on_wire_ns: Option<u64>,
     /// The logical datagrams.
     pub transmissions: Vec<TransmissionReport>,
 }

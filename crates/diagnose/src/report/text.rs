@@ -326,8 +326,17 @@ impl DiagnoseReport {
             }
         }
         if let Some(took) = &cycle.round_trip {
+            // Stamps lie about where a capture begins or ends to hold a frame.
+            let machine = cycle.on_wire_ns.filter(|on_wire| took.median_ns > MACHINE * on_wire);
+            let machine = machine.map_or(String::new(), |on_wire| {
+                format!(
+                    "; the wire takes {} of that at most, the rest is the machine's: its network driver, coalescing (ethtool -C \
+                     INTERFACE rx-usecs 0), power saving, or a switch between",
+                    time(on_wire as f64)
+                )
+            });
             let text = format!(
-                "answers came {} after their frame, 99 % below {}, the last {} ({})",
+                "answers came {} after their frame, 99 % below {}, the last {} ({}){machine}",
                 time(took.median_ns as f64),
                 time(took.most_99_ns as f64),
                 time(took.longest_ns.value as f64),
@@ -385,8 +394,12 @@ impl DiagnoseReport {
             let [to, from] = mailbox.messages;
             let aborts: usize = mailbox.aborts.iter().map(|abort| abort.count).sum();
             let how = if mailbox.by_content { ", known by their content" } else { "" };
+            let slowest = mailbox.slowest.as_ref().map_or(String::new(), |slowest| {
+                let took = time(slowest.took_ns as f64);
+                format!(", the slowest answer after {took} ({})", slowest.object)
+            });
             let what = format!(
-                "{to} messages to it, {from} from it{how}: {} SDO transfers, {aborts} aborts{}",
+                "{to} messages to it, {from} from it{how}: {} SDO transfers{slowest}, {aborts} aborts{}",
                 mailbox.transfers,
                 sync_objects(device)
             );
@@ -465,5 +478,7 @@ fn seconds(ns: u64) -> String {
 
 /// Statuses of a device that the text shows.
 const MOST_STATES: usize = 12;
+/// How many times as long as what the wire takes answers may take before the machine is named.
+const MACHINE: u64 = 5;
 /// Logical datagrams that the text shows.
 const MOST_TRANSMISSIONS: usize = 16;

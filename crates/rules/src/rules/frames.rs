@@ -10,11 +10,18 @@ use crate::evidence::{Evidence, Slide};
 pub(crate) fn cycle(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
     let Some(wanted) = claims.cycle else { return };
     let Some(found) = evidence.cycle else { return findings.unknown(None) };
-    if (found - wanted).0.abs() <= wanted.0 / CYCLE_PART {
-        findings.kept();
-    } else {
+    if is_other_cycle(claims, evidence) {
         findings.broken(None, Breach::OtherCycle { wanted, found });
+    } else {
+        findings.kept();
     }
+}
+
+/// Whether frames are known to follow each other at another cycle, so that what lies between them
+/// and SYNC0 follows from that.
+pub(crate) fn is_other_cycle(claims: &Claims, evidence: &Evidence) -> bool {
+    let both = claims.cycle.zip(evidence.cycle);
+    both.is_some_and(|(wanted, found)| (found - wanted).0.abs() > wanted.0 / CYCLE_PART)
 }
 
 pub(crate) fn steady(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {

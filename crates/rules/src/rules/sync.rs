@@ -3,7 +3,7 @@
 use isocat_sync::SyncMode;
 use isocat_wire::time::{Nanos, Picos};
 
-use super::frames::slides;
+use super::frames::{self, slides};
 use super::operating;
 use crate::book::Findings;
 use crate::breach::Breach;
@@ -63,13 +63,18 @@ pub(crate) fn clock_kept(claims: &Claims, evidence: &Evidence, findings: &mut Fi
 const LEAST_JUMP: Nanos = Nanos::micros(1);
 
 pub(crate) fn sync0_cycle(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
-    for (at, claim, seen) in operating(claims, evidence) {
+    let pairs = claims.devices.iter().zip(&evidence.devices).enumerate();
+    for (at, (claim, seen)) in pairs.filter(|(_, (claim, seen))| seen.operated || claim.operates) {
         let Some(wanted) = claim.sync0_cycle else { continue };
         match seen.sync0_cycle {
             _ if is_explained_by_mode(claim.mode, seen.mode) => {}
+            Some(found) if found != wanted => {
+                findings.broken(Some(at), Breach::OtherSync0Cycle { wanted, found });
+            }
+            // A wrong cycle may be why it did not come to OP; a right one is not yet kept there.
+            _ if !seen.operated => {}
             None => findings.unknown(Some(at)),
-            Some(found) if found == wanted => findings.kept(),
-            Some(found) => findings.broken(Some(at), Breach::OtherSync0Cycle { wanted, found }),
+            Some(_) => findings.kept(),
         }
     }
 }
@@ -79,7 +84,7 @@ pub(crate) fn shift(claims: &Claims, evidence: &Evidence, findings: &mut Finding
         let (Some(wanted), Some(cycle)) = (claim.shift, claim.sync0_cycle.or(claims.cycle)) else {
             continue;
         };
-        if is_explained_by_mode(claim.mode, seen.mode) {
+        if is_explained_by_mode(claim.mode, seen.mode) || frames::is_other_cycle(claims, evidence) {
             continue;
         }
         // Of frames that slide there is no distance.

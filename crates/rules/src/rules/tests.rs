@@ -219,7 +219,32 @@ fn sync0_has_its_cycle() {
         evidence.devices[1].sync0_cycle = Some(Nanos(CYCLE.0 + 1));
     };
     let breach = Breach::OtherSync0Cycle { wanted: CYCLE, found: Nanos(CYCLE.0 + 1) };
-    assert_eq!(breaches(double), of(1, breach));
+    assert_eq!(breaches(double), of(1, breach.clone()));
+    // It may be why a device did not come to OP, and then it is said beside its state.
+    let below = |cycle| {
+        with(|evidence| {
+            let device = &mut evidence.devices[1];
+            (device.state, device.operated) = (None, false);
+            device.sync0_cycle = cycle;
+        })
+    };
+    assert_eq!(below(Some(Nanos(CYCLE.0 + 1))).breached, of(1, breach));
+    for right in [Some(CYCLE), None] {
+        let ruling = below(right);
+        assert!(ruling.breached.is_empty() && ruling.unchecked.len() == 1, "{ruling:?}");
+    }
+}
+
+/// With half the frames missing, or twice as many, the distance follows from the cycle.
+#[test]
+fn frames_of_another_cycle_have_no_distance_to_sync0() {
+    let half = Nanos(CYCLE.0 / 2);
+    let found = breaches(|evidence| {
+        evidence.cycle = Some(half);
+        evidence.devices[0].frame_to_sync0 = Some(Picos::ZERO);
+    });
+    let breach = Breach::OtherCycle { wanted: CYCLE, found: half };
+    assert_eq!(found, [Breached { device: None, breach }]);
 }
 
 #[test]

@@ -186,12 +186,27 @@ pub struct MailboxReport {
     pub messages: [u64; 2],
     /// SDO transfers that the device answered without an abort.
     pub transfers: u64,
+    /// The SDO answer that took longest, from the request to the frame that fetched it.
+    pub slowest: Option<SlowestAnswer>,
     /// SDO transfers that it aborted.
     pub aborts: Vec<Aborts>,
     /// Entries of 0x1C32 and 0x1C33 as they were last written or read.
     pub sync_objects: Vec<ObjectValue>,
     /// No frame shows where the mailboxes are: messages were recognized by their content.
     pub by_content: bool,
+}
+
+/// An SDO transfer and how long its answer took.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema), schemars(deny_unknown_fields))]
+pub struct SlowestAnswer {
+    /// The object, as `0x1C32:01`.
+    pub object: String,
+    /// From the request to the frame that fetched the answer, ns.
+    pub took_ns: u64,
+    /// The request.
+    #[serde(flatten)]
+    pub frame: FrameRef,
 }
 
 /// SDO transfers of one object that the device aborted with one code.

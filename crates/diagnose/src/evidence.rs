@@ -43,6 +43,7 @@ pub(crate) fn of(observer: &Observer, claims: &Claims) -> Evidence {
             .map(|gap| nanos(gap.ns)),
         slide: rhythm.and_then(|_| observer.phases.slide()),
         talkers: Some(turns(observer).map(|talker| talker.frames).collect()),
+        untaken: None,
         devices: devices.map(|one| of_device(one).unwrap_or_default()).collect(),
     }
 }

@@ -191,6 +191,7 @@ fn symptom(kind: &Kind) -> Symptom {
         | Kind::Breached(Breach::NotOperated { .. }) => Symptom::State,
         Kind::FramesLost { .. }
         | Kind::SilentToTheEnd { .. }
+        | Kind::NothingCameBack { .. }
         | Kind::AnswersLate { .. }
         | Kind::FramesDoubled { .. }
         | Kind::ErrorsCounted { .. }

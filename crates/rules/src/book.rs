@@ -151,6 +151,13 @@ pub const RULES: &[Rule] = &[
         check: rules::frames::one_talker,
     },
     Rule {
+        name: "taken",
+        claims: "the program takes an answer before it sends the next frame of its kind",
+        needs: "the sockets of the program",
+        finds: "answers-untaken",
+        check: rules::frames::taken,
+    },
+    Rule {
         name: "time",
         claims: "the reference time reaches the clocks often enough",
         needs: "the times of drift datagrams",

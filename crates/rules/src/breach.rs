@@ -129,6 +129,12 @@ kinds! {
             /// Time after which they have moved by half of a cycle.
             half_cycle_after: Nanos,
         },
+        /// The program sent frames though it had not taken the answers to those before: it works
+        /// with the inputs of an earlier cycle.
+        AnswersUntaken = "answers-untaken" {
+            /// Frames that left so.
+            frames: u64,
+        },
         /// More than one MainDevice sent frames at the same time.
         SeveralTalkers = "several-talkers" {
             /// Frames of the second one.

@@ -72,6 +72,10 @@ impl Breach {
             Self::FramesSlide { .. } => {
                 &["correct the MainDevice's timer by the time that FRMW brings"]
             }
+            Self::AnswersUntaken { .. } => &[
+                "wait longer for answers: raise the time-out of the receive call, to some milliseconds or most of the cycle",
+                "where the answers come late themselves: coalescing of the network card, its driver",
+            ],
             Self::SeveralTalkers { .. } => {
                 &["one MainDevice alone may talk on a segment: find the other one"]
             }
@@ -159,6 +163,10 @@ fn said(breach: &Breach) -> String {
                 time((*half_cycle_after).into())
             )
         }
+        Breach::AnswersUntaken { frames } => format!(
+            "the program sent {frames} frames without having taken the answer to the one before: it did not wait for it, and takes inputs \
+             of the cycle before for new ones"
+        ),
         Breach::SeveralTalkers { frames } => {
             format!("more than one MainDevice sends on this wire: {frames} frames are of another one")
         }

@@ -31,6 +31,7 @@ pub(crate) fn of(
         longest_drift_gap: Some(whole(cycle.longest_drift_gap(began, ended))),
         slide: cycle.slide(),
         talkers: Some(conduct.sources().iter().map(|source| source.frames).collect()),
+        untaken: cycle.untaken,
         devices: devices
             .iter()
             .enumerate()

@@ -27,6 +27,12 @@ pub trait Wire {
         answers: &mut Vec<WireAnswer>,
     );
 
+    /// Notes that the program is about to send a frame, and whether the answer to the last one of
+    /// its kind lies in its socket and was not taken.
+    fn about_to_send(&mut self, has_untaken: bool) {
+        let _ = has_untaken;
+    }
+
     /// Advances time to `now` without a frame.
     fn advance(&mut self, now: Time<Host>);
 

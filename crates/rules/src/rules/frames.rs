@@ -54,6 +54,15 @@ pub(crate) fn one_talker(_: &Claims, evidence: &Evidence, findings: &mut Finding
     }
 }
 
+pub(crate) fn taken(_: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
+    // Only where a program runs in virtual time its sockets can be seen; elsewhere it is no claim.
+    match evidence.untaken {
+        None => {}
+        Some(frames) if frames < UNTAKEN => findings.kept(),
+        Some(frames) => findings.broken(None, Breach::AnswersUntaken { frames }),
+    }
+}
+
 pub(crate) fn time(claims: &Claims, evidence: &Evidence, findings: &mut Findings<'_>) {
     let timed = evidence.devices.iter().filter(|device| device.sync0_cycle.is_some()).count();
     if timed < 2 {
@@ -79,6 +88,8 @@ fn longest_gap(claims: &Claims, evidence: &Evidence) -> Nanos {
 
 /// Frames of another sender that are no MainDevice yet: a look at a register by hand.
 const TALKS: u64 = 8;
+/// Answers that a program leaves behind after a stall of its machine are fewer.
+const UNTAKEN: u64 = 8;
 /// The part of the cycle by which the mean time between frames may differ: a fiftieth.
 const CYCLE_PART: i64 = 50;
 /// Slower than this frames do not slide but follow their servo: a part per million.

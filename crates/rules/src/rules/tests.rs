@@ -76,6 +76,7 @@ fn evidence() -> Evidence {
         longest_drift_gap: Some(CYCLE),
         slide: Some(Slide { per_second: Nanos(0), uncertainty: Nanos(100) }),
         talkers: Some(vec![4_000]),
+        untaken: Some(0),
         devices: vec![drive(0), drive(48), io],
     }
 }
@@ -99,11 +100,11 @@ fn of(device: impl Into<Option<usize>>, breach: Breach) -> Vec<Breached> {
 fn a_segment_as_it_was_meant_keeps_every_claim() {
     let ruling = with(|_| {});
     assert_eq!((ruling.breached, ruling.unchecked), (vec![], vec![]));
-    // Three states, two modes, two starts, two cycles, two shifts, one pair in phase, cycle, phase
-    // and sender of the frames, time, three times data, five directions, those of two drives in
+    // Three states, two modes, two starts, two cycles, two shifts, one pair in phase, cycle, phase,
+    // sender and answers of the frames, time, three times data, five directions, those of two drives in
     // each cycle and over which time they interpolate, five ranges, two watchdogs and their times,
     // three clocks that are kept.
-    assert_eq!(ruling.checked, 3 + 2 + 2 + 2 + 2 + 1 + 3 + 1 + 3 + 5 + 4 + 2 + 5 + 2 + 2 + 3);
+    assert_eq!(ruling.checked, 3 + 2 + 2 + 2 + 2 + 1 + 4 + 1 + 3 + 5 + 4 + 2 + 5 + 2 + 2 + 3);
 }
 
 #[test]
@@ -115,10 +116,12 @@ fn without_evidence_nothing_is_checked_and_each_claim_says_so() {
     let rules: std::collections::BTreeSet<_> =
         ruling.unchecked.iter().map(|one| one.rule).collect();
     // Without a SYNC0 that is known to run, its start, the clocks, and the phase and time of the
-    // frames are no claims, nor is an interpolation time that nobody wrote.
+    // frames are no claims, nor is an interpolation time that nobody wrote, nor what no program's
+    // sockets show.
     let all = crate::book::RULES.iter().map(|rule| rule.name);
     let expected = all.filter(|name| {
-        !matches!(*name, "starts" | "clock-kept" | "steady" | "time" | "interpolation")
+        let no_claims = ["starts", "clock-kept", "steady", "taken", "time", "interpolation"];
+        !no_claims.contains(name)
     });
     assert_eq!(rules, expected.collect());
 }
@@ -330,6 +333,13 @@ fn frames_do_not_slide() {
 fn one_main_device_sends() {
     let two = |other: u64| breaches(|evidence| evidence.talkers = Some(vec![other, 4_000]));
     assert_eq!((two(7), two(8)), (vec![], of(None, Breach::SeveralTalkers { frames: 8 })));
+}
+
+#[test]
+fn answers_are_taken() {
+    let untaken = |frames: u64| breaches(|evidence| evidence.untaken = Some(frames));
+    let breach = Breach::AnswersUntaken { frames: 8 };
+    assert_eq!((untaken(7), untaken(8)), (vec![], of(None, breach)));
 }
 
 #[test]

@@ -34,6 +34,8 @@ pub struct PacketSocket {
     /// Frames that were dropped since the last query, because the queue was full.
     pub dropped: u32,
     waiting: VecDeque<Arrived>,
+    /// Frames were taken from it: it is no socket that only sends.
+    is_read: bool,
 }
 
 /// A frame that arrived.
@@ -77,12 +79,20 @@ impl PacketSocket {
 
     /// Takes the oldest frame.
     pub fn take(&mut self) -> Option<Arrived> {
+        self.is_read = true;
         self.waiting.pop_front()
     }
 
     /// The oldest frame, without taking it.
     pub fn peek(&self) -> Option<&Arrived> {
         self.waiting.front()
+    }
+
+    /// Whether an answer to a frame of the same kind as `frame` waits here, where frames are taken.
+    pub fn has_untaken(&self, frame: &[u8]) -> bool {
+        let wanted = kind(frame);
+        let is_one = |arrived: &Arrived| kind(&arrived.bytes) == wanted;
+        self.is_read && wanted.is_some() && self.waiting.iter().any(is_one)
     }
 
     /// Whether a receive would return a frame.
@@ -94,6 +104,20 @@ impl PacketSocket {
     pub fn clear(&mut self) {
         self.waiting.clear();
     }
+}
+
+/// What two EtherCAT frames of one kind have in common: the first datagram's command, its address
+/// within a SubDevice or in logical memory, and its length.
+fn kind(frame: &[u8]) -> Option<(u8, [u8; 4], [u8; 2])> {
+    let ether_cat = frame.get(12..14)? == isocat_wire::frame::ETHERTYPE.to_be_bytes();
+    let [command, _, mut address @ .., low, high] = *frame.get(16..)?.first_chunk::<8>()?;
+    // Devices count in the first half of an address by position.
+    let counts = isocat_wire::Command::try_from(command).is_ok_and(|one| one.increments_position());
+    if counts {
+        address[..2].fill(0);
+    }
+    // Beside the length there are flags that differ on the way back.
+    ether_cat.then_some((command, address, [low, high & 0x07]))
 }
 
 #[cfg(test)]
@@ -117,6 +141,37 @@ mod tests {
         socket.protocol = Protocol::All;
         assert!(socket.offer(&frame(0, 0x0800)));
         assert_eq!((socket.take().is_some(), socket.peek().is_some()), (true, true));
+    }
+
+    #[test]
+    fn an_answer_of_the_same_kind_is_untaken() {
+        let of = |command: u8, address: u32, len: u8, index: u8, flags: u8| {
+            let mut frame = frame(0, 0x88A4);
+            let mut bytes = frame.bytes.to_vec();
+            bytes[16..18].copy_from_slice(&[command, index]);
+            bytes[18..22].copy_from_slice(&address.to_le_bytes());
+            bytes[22..24].copy_from_slice(&[len, flags]);
+            frame.bytes = bytes.into();
+            frame
+        };
+        let mut socket = PacketSocket::new(Protocol::All, false);
+        let sent = of(12, 0x10_0000, 14, 7, 0);
+        socket.offer(&of(12, 0x10_0000, 14, 6, 0x40));
+        assert!(!socket.has_untaken(&sent.bytes), "nothing was ever taken from this socket");
+        socket.take();
+        assert!(!socket.has_untaken(&sent.bytes));
+        // BRD of AL status: two devices have counted in the answer.
+        socket.offer(&of(7, 0x0130_0002, 2, 8, 0));
+        let broadcast = of(7, 0x0130_0000, 2, 9, 0);
+        assert!(!socket.has_untaken(&sent.bytes) && socket.has_untaken(&broadcast.bytes));
+        for other in
+            [of(11, 0x10_0000, 14, 6, 0), of(12, 0x11_0000, 14, 6, 0), of(12, 0x10_0000, 15, 6, 0)]
+        {
+            socket.offer(&other);
+        }
+        assert!(!socket.has_untaken(&sent.bytes) && !socket.has_untaken(&[0; 20]));
+        socket.offer(&of(12, 0x10_0000, 14, 6, 0x40));
+        assert!(socket.has_untaken(&sent.bytes));
     }
 
     #[test]

@@ -96,6 +96,10 @@ impl Wire for Segment {
         self.hear();
     }
 
+    fn about_to_send(&mut self, has_untaken: bool) {
+        self.server.about_to_send(has_untaken);
+    }
+
     fn advance(&mut self, now: Time<Host>) {
         self.server.idle(now);
         self.hear();

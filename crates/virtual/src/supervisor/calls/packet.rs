@@ -305,6 +305,8 @@ impl Supervisor<'_> {
         let at = (self.now() + late).max(self.last_sent);
         self.last_sent = at;
         self.figures.sent += 1;
+        let has_untaken = self.objects.has_untaken(frame);
+        self.wire.about_to_send(has_untaken);
         let mut answers = Vec::new();
         self.wire.send(interface, at, frame, &mut answers);
         for mut answer in answers {

@@ -540,6 +540,6 @@ impl Case<'_> {
 /// What helps where the host came later than a whole cycle.
 const HOST_STOOD_STILL: [&str; 2] = [
     "Make the host punctual, since no SubDevice is at fault: isocat run --preflight tells what on it harms punctuality, and a real-time \
-     system (Linux with PREEMPT_RT) with a core for the cyclic task alone keeps other work from holding it.",
+     kernel with a core for the cyclic task alone keeps other work from holding it.",
     "Where the host can't be better: a longer cycle, and a watchdog that is longer than its pauses, if the machine allows it.",
 ];

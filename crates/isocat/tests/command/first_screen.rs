@@ -129,8 +129,8 @@ fn a_loss_in_operation_says_why_too_and_a_good_run_nothing() {
     assert!(!good.text.contains("Cause") && !good.text.contains("closer"), "{}", good.text);
 }
 
-/// Causes that lie outside of the SubDevice with the finding, each beside a segment that is right in
-/// the same place.
+/// Causes that lie outside of the SubDevice with the finding, each beside a segment that is right
+/// in the same place.
 #[test]
 fn what_others_do_to_a_device_is_told_as_theirs() {
     const PAIR: &str = "cycle = \"1ms\"\nfor = \"3s\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nname = \"near\"\n\

@@ -297,13 +297,15 @@ pub enum DoubtKind {
     SyncManagerOff,
     /// A SyncManager is enabled and its type says unused.
     SyncManagerUntyped,
+    /// Type and control byte of a SyncManager name opposite directions.
+    SyncManagerDirection,
     /// There is no category General: the device has no name.
     GeneralMissing,
 }
 
 impl DoubtKind {
     /// All kinds.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 26] = [
         Self::Checksum,
         Self::Version,
         Self::Size,
@@ -328,6 +330,7 @@ impl DoubtKind {
         Self::MailboxMissing,
         Self::SyncManagerOff,
         Self::SyncManagerUntyped,
+        Self::SyncManagerDirection,
         Self::GeneralMissing,
     ];
 
@@ -358,6 +361,7 @@ impl DoubtKind {
             Self::MailboxMissing => "mailbox-missing",
             Self::SyncManagerOff => "sync-manager-off",
             Self::SyncManagerUntyped => "sync-manager-untyped",
+            Self::SyncManagerDirection => "sync-manager-direction",
             Self::GeneralMissing => "general-missing",
         }
     }
@@ -408,6 +412,11 @@ impl DoubtKind {
                 "A SyncManager is enabled and has a length, and its type says unused: MainDevices \
                  leave it off, or enable it for nothing."
             }
+            Self::SyncManagerDirection => {
+                "The type of a SyncManager says outputs and its control byte inputs, or the other \
+                 way round: a MainDevice that goes by the type sets its FMMUs the wrong way, and no \
+                 process data go (AL status code 0x001B, 0x001D or 0x001E)."
+            }
             Self::GeneralMissing => {
                 "There is no category General: the device has no name, and nothing tells its CoE services."
             }
@@ -421,7 +430,10 @@ impl DoubtKind {
                 &["write the whole image: the maker's description (ESI) has what is missing, and \
                  `isocat sii --from FILE --type TYPE --out OUT` makes the image of it"]
             }
-            Self::PdoSyncManager | Self::SyncManagerOff | Self::SyncManagerUntyped => {
+            Self::PdoSyncManager
+            | Self::SyncManagerOff
+            | Self::SyncManagerUntyped
+            | Self::SyncManagerDirection => {
                 &["compare with the SyncManagers of the maker's description (ESI), as \
                  `isocat sii --from FILE --type TYPE` shows them; `--out OUT` writes that image"]
             }

@@ -289,7 +289,8 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         ],
         Kind::SilentToTheEnd { .. } => &[
             "look at the power of the first device, and at the cable between the MainDevice and it",
-            "isocat scan --interface IF --rescue names the port behind which the line is dead",
+            "isocat scan --interface IF --rescue finds the place port by port: it closes ports until frames come back, and names \
+             the one behind which the line is dead",
             "look whether the capture's own interface has a link",
         ],
         Kind::NothingCameBack { .. } => &[

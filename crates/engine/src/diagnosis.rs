@@ -5,8 +5,11 @@
 //! then only the meaning of the AL status code is given. A remedy that is a line of the segment
 //! file says where the line goes.
 
+mod clock;
 pub(crate) mod eeprom;
+mod mode;
 mod place;
+mod segment;
 mod text;
 
 use isocat_descriptions::quantity::time;
@@ -24,7 +27,6 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::recording::cycle::{CycleSeen, acting};
-use crate::recording::series::Series;
 use crate::recording::{Recorded, RecordedDevice, Recording};
 use crate::report::Finding;
 use crate::{Report, watched};
@@ -92,6 +94,7 @@ pub fn diagnose(
             position,
             seen,
             leads: segment.reference == Some(position),
+            host_leads: clock::host_leads(segment),
             limit: limit.into(),
             causes: Vec::new(),
             remedies: Vec::new(),
@@ -100,6 +103,7 @@ pub fn diagnose(
         // What is seen of a SubDevice while no frame reaches it follows from that.
         if !case.lost() {
             case.silent_mailbox();
+            case.ignored_type();
             case.lost_pulses();
             case.outputs();
             case.late();
@@ -119,7 +123,7 @@ pub fn diagnose(
             remedies: case.remedies,
         });
     }
-    let of_segment = |finding| of_segment(finding, report);
+    let of_segment = |finding| self::segment::of(finding, report, segment);
     all.extend(report.findings.iter().filter(|f| f.position.is_none()).map(of_segment));
     // Those with a cause first: the others may follow from them, and all from a silence.
     let silence = report
@@ -133,67 +137,6 @@ pub fn diagnose(
     all
 }
 
-fn of_segment(finding: &Finding, report: &Report) -> Diagnosis {
-    let (causes, remedies): (&[&str], &[&str]) = match &finding.kind {
-        Kind::Judged(Judged::CyclesSkipped { .. }) => (
-            &["The machine that the MainDevice runs on came later than a whole cycle."],
-            &["isocat run --preflight tells what on a machine harms punctuality", "a longer cycle"],
-        ),
-        Kind::Judged(Judged::NothingCameBack { .. }) => (
-            &[
-                "Nothing came back at all: the first cable, the MainDevice's port, or the power of the first SubDevice. \
-                 Or one way of a cable further on, whose ends kept their links: then frames are lost behind it.",
-            ],
-            &[
-                "look whether the MainDevice's port has a link, and the lamp at the first SubDevice's port IN",
-                "isocat scan --interface IF --rescue names the port behind which the line is dead",
-            ],
-        ),
-        Kind::Judged(Judged::FramesLost { .. }) => (
-            &["Frames were lost on the wire: a bad cable or connector, a SubDevice without power."],
-            &[
-                "isocat scan counts errors at each port (0x0300 on): the first port that counts is next to the fault",
-            ],
-        ),
-        Kind::Judged(Judged::AnswersLate { .. }) => (
-            &[
-                "The segment answered, and the answers reached the MainDevice too late: a network card that gathers \
-                 frames before it tells them (coalescing), a USB adapter, power saving, or a driver.",
-            ],
-            &[
-                "ethtool -C INTERFACE rx-usecs 0, and no adapter between",
-                "isocat run --preflight tells what on a machine harms punctuality",
-                "a longer cycle",
-            ],
-        ),
-        Kind::Judged(Judged::WorkingCounter { .. }) => (
-            &[
-                "A SubDevice did not take or give its process data: it left SAFEOP or OP, or was not reached.",
-            ],
-            &["look for a SubDevice in this report that left OP first"],
-        ),
-        _ => (&[], &[]),
-    };
-    let mut remedies: Vec<String> = remedies.iter().map(|remedy| (*remedy).to_owned()).collect();
-    let first = report.findings.iter().find_map(|finding| finding.position);
-    let first = first.and_then(|position| Some((position, report.devices.get(position)?)));
-    if let (Kind::Judged(Judged::WorkingCounter { .. }), Some((position, device))) =
-        (&finding.kind, first)
-    {
-        remedies = vec![format!(
-            "see what is told of SubDevice {position} ({}), the first one with a finding",
-            device.name
-        )];
-    }
-    Diagnosis {
-        position: None,
-        who: "The segment".into(),
-        what: finding.what.clone(),
-        causes: causes.iter().map(|cause| (*cause).to_owned()).collect(),
-        remedies,
-    }
-}
-
 /// One SubDevice under diagnosis.
 struct Case<'a> {
     report: &'a Report,
@@ -202,6 +145,8 @@ struct Case<'a> {
     position: usize,
     seen: &'a RecordedDevice,
     leads: bool,
+    /// Whether the host leads the reference clock (drive-reference).
+    host_leads: bool,
     /// The largest SYNC0 error allowed.
     limit: Picos,
     causes: Vec<String>,
@@ -352,15 +297,27 @@ impl Case<'_> {
         ));
         let stated = device.output_calc_and_copy;
         let took = cycle.outputs_took;
-        let over = took.largest() as f64 / 1e3 - stated.0 as f64;
+        let copied = took.largest() as f64 / 1e3;
         // A tick of its clock and what clocks may differ is no fault of its own.
-        if took.count() > 0 && over > 100.0 {
-            self.causes.push(format!(
-                "Copying and calculating took up to {}, but 0x1C32:06 states {stated}: {} more than planned with.",
-                time(took.largest() as f64 / 1e3),
-                time(over)
-            ));
-            let true_time = Nanos((took.largest() + 999) / 1_000);
+        let beyond = |span: f64| Some(span).filter(|span| span - stated.0 as f64 > 100.0);
+        let from_copy = beyond(copied).filter(|_| took.count() > 0);
+        let since_event = || beyond(self.since_event(cycle, device, timing)?);
+        if let Some(spent) = from_copy.or_else(since_event) {
+            let over = spent - stated.0 as f64;
+            self.causes.push(match from_copy {
+                Some(_) => format!(
+                    "Copying and calculating took up to {}, but 0x1C32:06 states {stated}: {} more than planned with.",
+                    time(spent),
+                    time(over)
+                ),
+                None => format!(
+                    "Its frames were as punctual as planned. From its SM2 event until outputs were ready its program took {} on average, \
+                     longer than 0x1C32:06 states ({stated}): {} more than planned with.",
+                    time(spent),
+                    time(over)
+                ),
+            });
+            let true_time = Nanos(spent.ceil() as i64);
             // With the time that it really needs the plan asks for a later pulse.
             let line = timing.demand(self.position, Check::OutputsBeforeSync0).map(|d| d.line());
             let short = line.map_or(Nanos::ZERO, |line| Nanos(over.ceil() as i64) - line.slack());
@@ -392,6 +349,19 @@ impl Case<'_> {
                 place::argument(self.report)
             ));
         }
+    }
+
+    /// Time from the SM2 event until outputs are ready, on average and in ns, where frames were as
+    /// punctual as the plan has them: then the program alone is what takes longer.
+    fn since_event(&self, cycle: &CycleSeen, device: &Device, timing: &Timing) -> Option<f64> {
+        let (stored, ready) = (cycle.of(Moment::Sm2)?, cycle.of(Moment::OutputsReady)?);
+        let planned = timing.moments(self.position)?.of(Moment::Sm2)?;
+        if stored.largest() as f64 / 1e3 > planned.latest.0 as f64 {
+            return None;
+        }
+        // Phases lie around those of the plan, so that a late one may count as early.
+        let whole = device.exchange(&timing.cycle).0.max(1) as f64;
+        Some(((ready.mean() - stored.mean()) / 1e3).rem_euclid(whole))
     }
 
     /// Looks for outputs or inputs that miss their cycle though they come regularly.
@@ -525,51 +495,17 @@ impl Case<'_> {
                 self.seen.missed_count
             )),
         }
+        // The frames that a host did not send can't be looked at.
+        if lost
+            .is_some_and(|found| matches!(found.kind, Kind::Judged(Judged::CyclesSkipped { .. })))
+        {
+            self.remedies.extend(HOST_STOOD_STILL.map(str::to_owned));
+            return;
+        }
         self.remedies.push(format!(
             "See what became of the frames: isocat run{} --capture run.pcapng has a comment at each such instant.",
             place::argument(self.report)
         ));
-    }
-
-    /// Looks for a clock with an error.
-    fn clock(&mut self) {
-        let series = &self.seen.sync0;
-        let Some((least, largest)) = series.range() else { return };
-        if least.abs().max(largest.abs()) <= self.limit.0 || self.leads {
-            return;
-        }
-        let slope = slope_ppm(series);
-        // 0x092C changes with each drift frame that reaches the clock.
-        let led = self.seen.difference.range().is_some_and(|(least, most)| least != most);
-        if slope.abs() >= 0.05 && led {
-            self.causes.push(format!(
-                "Its SYNC0 runs away by {slope:+.2} us each second ({slope:+.2} ppm) although drift frames reach it: the rate of its \
-                 clock, or of the reference's, changes faster than its drift loop follows."
-            ));
-            self.remedies.push(
-                "Find what changes the clock: 0x092C over time shows since when. [host] difference_filter and speed_filter set how fast \
-                 drift loops follow (isocat explain speed_filter)."
-                    .into(),
-            );
-        } else if slope.abs() >= 0.05 {
-            self.causes.push(format!(
-                "Its SYNC0 runs away by {slope:+.2} us each second ({slope:+.2} ppm): its clock is not led by the reference clock."
-            ));
-            self.remedies.push(format!(
-                "Send a drift frame each cycle (FRMW of 0x0910 at the reference clock): {}, which is the default; without \
-                 --no-drift-compensation.",
-                place::host(self.report, "drift_compensation = true")
-            ));
-        } else {
-            self.causes.push(format!(
-                "Its SYNC0 lies off the grid by {} on average, and stays there: its offset (0x0920), its delay (0x0928) or its start \
-                 time (0x0990) is wrong.",
-                time(series.mean().unwrap_or_default() / 1e3)
-            ));
-            self.remedies.push(
-                "isocat scan measures delays with their errors; compare 0x0928 with what this report says of it.".into(),
-            );
-        }
     }
 
     /// States what its AL status code means.
@@ -601,19 +537,9 @@ impl Case<'_> {
     }
 }
 
-/// Slope of a series in ps, in us per second, which is ppm: from its first to its last tenth.
-fn slope_ppm(series: &Series) -> f64 {
-    let spans = series.spans();
-    let tenth = (spans.len() / 10).max(1);
-    let mean = |spans: &[crate::recording::series::SpanOfTime]| {
-        let count = spans.len().max(1) as f64;
-        let at = spans.iter().map(|span| (span.begin.0 + span.end.0) as f64 / 2.0).sum::<f64>();
-        let value = spans.iter().map(|span| span.mean()).sum::<f64>();
-        (at / count, value / count)
-    };
-    if spans.len() < 2 {
-        return 0.0;
-    }
-    let (begin, end) = (mean(&spans[..tenth]), mean(&spans[spans.len() - tenth..]));
-    if end.0 > begin.0 { (end.1 - begin.1) / (end.0 - begin.0) * 1e6 } else { 0.0 }
-}
+/// What helps where the host came later than a whole cycle.
+const HOST_STOOD_STILL: [&str; 2] = [
+    "Make the host punctual, since no SubDevice is at fault: isocat run --preflight tells what on it harms punctuality, and a real-time \
+     kernel with a core for the cyclic task alone keeps other work from holding it.",
+    "Where the host can't be better: a longer cycle, and a watchdog that is longer than its pauses, if the machine allows it.",
+];

@@ -40,6 +40,8 @@ crate::kinds! {
         Recovered = "recovered" {
             /// Host time that the recovery took.
             after: Nanos,
+            /// Whether it was led through INIT, since acknowledging its error did not help.
+            through_init: bool,
         },
         /// The SubDevice had left OP and could not be brought back.
         NotRecovered = "not-recovered" {
@@ -93,8 +95,9 @@ impl SegmentChange {
             Event::NotReadmitted { position, cause, .. } => {
                 (Some(*position), Self::NotAdmitted { cause: cause.clone() })
             }
-            Event::Recovered { position, after } => {
-                (Some(*position), Self::Recovered { after: *after })
+            Event::Recovered { position, after, through_init } => {
+                let (after, through_init) = (*after, *through_init);
+                (Some(*position), Self::Recovered { after, through_init })
             }
             Event::NotRecovered { position, cause, .. } => {
                 (Some(*position), Self::NotRecovered { cause: cause.clone() })
@@ -137,8 +140,14 @@ impl fmt::Display for SegmentChange {
                 write!(f, "admitted in cycle {cycle}, {after} ms after it was found")
             }
             Self::NotAdmitted { cause } => write!(f, "not admitted: {cause}"),
-            Self::Recovered { after } => {
-                write!(f, "brought back to OP in {} ms", milliseconds(after))
+            Self::Recovered { after, through_init } => {
+                write!(f, "brought back to OP in {} ms", milliseconds(after))?;
+                match through_init {
+                    true => {
+                        write!(f, ", through INIT: it kept its error when that was acknowledged")
+                    }
+                    false => Ok(()),
+                }
             }
             Self::NotRecovered { cause } => write!(f, "not brought back to OP: {cause}"),
             Self::ReferenceElected { cycle } => {

@@ -343,6 +343,9 @@ pub enum Recovery {
     Once,
     /// Repeats attempts, with each pause after a failure twice as long as the one before. A
     /// SubDevice that stays in OP for the longest pause starts again with the first pause.
+    ///
+    /// A SubDevice that keeps its error through three acknowledgements, of a second each, is led
+    /// through INIT, which some devices need for clearing it.
     BackOff {
         /// Time from leaving OP to the first attempt.
         first: Nanos,

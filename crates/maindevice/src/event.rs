@@ -211,6 +211,8 @@ pub enum Event {
         position: usize,
         /// Host time of the attempt.
         after: Nanos,
+        /// Whether it was led through INIT, since acknowledging its error did not help.
+        through_init: bool,
     },
     /// A SubDevice that left OP did not come back.
     NotRecovered {

@@ -5,7 +5,8 @@
 //! them. [`readmit`] re-admits all that are back together, with separate steps where possible:
 //! address, identity, PREOP, objects and mapping as planned, delay and offset from the running
 //! reference clock, drift by the cyclic datagram, SYNC on the common grid, SAFEOP, OP. [`recover`]
-//! is for a SubDevice that kept its place and only left its state.
+//! is for a SubDevice that kept its place and only left its state, and [`restart`] for one of these
+//! whose error only INIT clears.
 //!
 //! None of this disturbs the running SubDevices. All writes go to the SubDevice in question; the
 //! only broadcast is the latch of receive times (0x0900), which neither SYNC nor the drift loop
@@ -27,7 +28,7 @@ use spin::Mutex;
 
 use crate::bring_up;
 use crate::clock::{self, Joining};
-use crate::config::{Config, DeviceConfig};
+use crate::config::{Config, DeviceConfig, Recovery};
 use crate::error::{Cause, MappingProblem};
 use crate::health::Found;
 use crate::link::{Link, Procedure, Travel, drive_beside, join};
@@ -43,6 +44,9 @@ pub(crate) use places::places;
 
 /// The result for one SubDevice.
 pub(crate) type Outcome = Result<Box<(SubDevice, Option<Mailbox>)>, Cause>;
+
+/// A SubDevice that is in OP again, with its new mailbox if it was led through INIT.
+pub(crate) type Recovered = Result<(SubDevice, Option<Mailbox>), Cause>;
 
 /// Results by position, as they come.
 pub(crate) type Outcomes = Arc<Mutex<Vec<(usize, Outcome)>>>;
@@ -393,12 +397,17 @@ pub(crate) async fn recover(
     config: Arc<Config>,
     segment: Segment,
     position: usize,
-) -> Result<SubDevice, Cause> {
+) -> Recovered {
     let mut device = segment.devices[position].clone();
     let (status, code) = esm::read_status(&link, device.station).await?;
     (device.al_status, device.al_code) = (status, code);
     if status.error() {
-        esm::acknowledge(&link, &mut device, AlState::SafeOp, config.timeouts.safeop).await?;
+        let patience = match config.recovery {
+            // Another attempt follows, so that one that is in vain need not last.
+            Recovery::BackOff { .. } => config.timeouts.safeop.min(ACKNOWLEDGEMENT),
+            Recovery::Never | Recovery::Once => config.timeouts.safeop,
+        };
+        esm::acknowledge(&link, &mut device, AlState::SafeOp, patience).await?;
     }
     let_sync_run(&link, &config, &segment, &mut device).await?;
     wait_for_inputs(&link, &config, &device).await?;
@@ -406,7 +415,24 @@ pub(crate) async fn recover(
     // them for seconds on its way to OP.
     let_sync_run(&link, &config, &segment, &mut device).await?;
     to_op(&link, &config, &segment, &mut device).await?;
-    Ok(device)
+    Ok((device, None))
+}
+
+/// Leads a SubDevice through INIT, which clears an error that it keeps otherwise, and up again as
+/// one that comes back. Its clock went on, and so did all others.
+pub(crate) async fn restart(
+    link: Link,
+    config: Arc<Config>,
+    segment: Segment,
+    position: usize,
+) -> Recovered {
+    let device = segment.devices[position].clone();
+    let mut one = Traveller { place: position, device, mailbox: None, failed: None };
+    esm::to_init(&link, &mut one.device, config.timeouts.init).await?;
+    prepare(&link, &config, &segment, &mut one).await?;
+    let way = link.board(|board| board.way_changes);
+    finish(&link, &config, &segment, Some(way), &mut one).await?;
+    Ok((one.device, one.mailbox))
 }
 
 /// Goes to OP. A SubDevice whose pulses stop on its way there waits for them, for nine seconds as a
@@ -461,3 +487,7 @@ async fn let_sync_run(
 /// Time from one look at SYNC to the next while a SubDevice is on its way to OP. Most are there
 /// before the first one.
 const SYNC_LOOK: Nanos = Nanos::millis(500);
+
+/// How long an error may stay after it was acknowledged, before another attempt: devices take
+/// milliseconds, and those that store something before they go on, less than this.
+const ACKNOWLEDGEMENT: Nanos = Nanos::millis(1_000);

@@ -262,7 +262,10 @@ fn op_mode(mode: &EsiOpMode) -> SiiOpMode {
 fn device_of(sii: &Sii, bytes: usize) -> EsiDevice {
     let header = &sii.header;
     let general = sii.general.clone().unwrap_or_default();
-    let has_mailbox = header.receive.length > 0 && header.send.length > 0;
+    let is_told = header.receive.length > 0 && header.send.length > 0;
+    // A program with protocols has a mailbox, whether or not its EEPROM says where.
+    let is_forgotten = !is_told && header.protocols != 0 && !header.emulates();
+    let has_mailbox = is_told || is_forgotten;
     let order = if general.order.is_empty() { "device" } else { &general.order };
     let name = if general.name.is_empty() { order } else { &general.name };
     let physics = general.physics();
@@ -290,7 +293,15 @@ fn device_of(sii: &Sii, bytes: usize) -> EsiDevice {
             .enumerate()
             .map(|(number, record)| match record.enable & SmRecord::VIRTUAL != 0 {
                 true => esi_sync_manager(record, Purpose::Window(window(sii, number, record))),
-                false => esi_sync_manager(record, purpose(record, has_mailbox)),
+                false => match purpose(record, has_mailbox) {
+                    mailbox @ (Purpose::MailboxOut | Purpose::MailboxIn)
+                        if is_forgotten && record.length == 0 =>
+                    {
+                        let record = SmRecord { length: USUAL_MAILBOX, ..*record };
+                        esi_sync_manager(&record, mailbox)
+                    }
+                    purpose => esi_sync_manager(record, purpose),
+                },
             })
             .collect(),
         pdos: [pdos(Direction::Outputs, &sii.outputs), pdos(Direction::Inputs, &sii.inputs)]
@@ -338,6 +349,13 @@ fn purpose(record: &SmRecord, has_mailbox: bool) -> Purpose {
     match record.kind {
         sm_type::MAILBOX_OUT => Purpose::MailboxOut,
         sm_type::MAILBOX_IN => Purpose::MailboxIn,
+        // The program and its ESC work by the control byte, whatever the type says.
+        sm_type::OUTPUTS | sm_type::INPUTS if record.control != 0 && record.length > 0 => {
+            match record.control & SyncManager::CONTROL_ECAT_WRITES != 0 {
+                true => Purpose::Outputs,
+                false => Purpose::Inputs,
+            }
+        }
         sm_type::OUTPUTS => Purpose::Outputs,
         sm_type::INPUTS => Purpose::Inputs,
         // Older images leave the type out.
@@ -447,3 +465,5 @@ const FOE: u16 = 1 << 3;
 const DATA_LINK_LAYER: u8 = 0x04;
 /// Bits of register 0x0141, the high byte of word 0.
 const SYNC_AND_LATCH: u8 = 0x0C;
+/// Length of a mailbox that an EEPROM left out.
+const USUAL_MAILBOX: u16 = 128;

@@ -153,8 +153,20 @@ fn one(
     if process_data && found.one_buffer() {
         warnings.add(WarningKind::SyncManagerOneBuffer, at, || {
             format!(
-                "{purpose:?} go through one buffer (control byte {:#04x})",
-                found.control.unwrap_or(0)
+                "{purpose:?} go through one buffer (control byte {:#04x}): {}",
+                found.control.unwrap_or(0),
+                match purpose {
+                    Purpose::Outputs => {
+                        "it takes no outputs before the device fetched those before, so that a second \
+                         frame in its cycle lacks their working counter; one frame for each cycle of \
+                         the device, in phase with it (DC SYNC0)"
+                    }
+                    _ => {
+                        "it gives each set of inputs once, so that a frame before the next set lacks \
+                         their working counter; one frame for each cycle of the device, in phase with \
+                         it (DC SYNC0)"
+                    }
+                }
             )
         });
     }

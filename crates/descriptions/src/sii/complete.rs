@@ -4,9 +4,11 @@
 //! differ. What makers leave out with reason is neither: couplers have no process data; the length
 //! of a SyncManager is 0 where the MainDevice is to write the sum of the PDOs, or object 0x1C12 of
 //! a device with CoE assigns them; a SyncManager that is off with length 0 is enabled with its
-//! PDOs; an ESC without a CPU checks nothing.
+//! PDOs; an ESC without a CPU checks nothing; PDOs may stand in objects or in a MainDevice's
+//! configuration alone.
 
 use isocat_wire::sii::{Header, MailboxArea, SmRecord, sm_type, word};
+use isocat_wire::sync_manager::SyncManager;
 
 use super::{Doubt, DoubtKind};
 
@@ -51,6 +53,7 @@ pub fn lacks(content: &Content<'_>) -> Vec<Doubt> {
     } else {
         judge.assignments();
         judge.sync_managers();
+        judge.directions();
     }
     if !content.has_general {
         let expected = "the category General (30), with the device's name and its CoE services";
@@ -144,8 +147,7 @@ impl Judge<'_> {
     /// PDOs whose SyncManager is not for process data. Devices with CoE or SoE tell their
     /// assignment otherwise, too.
     fn assignments(&mut self) {
-        let (header, all) = (self.content.header, self.content.sync_managers);
-        let can_tell = header.protocols & (Header::COE | Header::SOE) != 0;
+        let (all, can_tell) = (self.content.sync_managers, self.has_objects());
         for pdo in self.content.assigned {
             let number = usize::from(pdo.sync_manager);
             let wanted = if pdo.inputs { "4, inputs" } else { "3, outputs" };
@@ -199,6 +201,50 @@ impl Judge<'_> {
         }
     }
 
+    /// SyncManagers whose type and control byte name opposite directions. Where objects tell what
+    /// a SyncManager is for (0x1C00), only MainDevices that go by the EEPROM stumble.
+    fn directions(&mut self) {
+        for (number, record) in self.content.sync_managers.iter().enumerate() {
+            let is_written = match record.kind {
+                sm_type::MAILBOX_OUT | sm_type::OUTPUTS => true,
+                sm_type::MAILBOX_IN | sm_type::INPUTS => false,
+                _ => continue,
+            };
+            // A SyncManager without bytes guards nothing, and a control byte of 0 may be left out.
+            let is_used = record.length > 0 && record.control != 0 && !record.is_window();
+            let direction = match record.control & DIRECTION {
+                0 => false,
+                SyncManager::CONTROL_ECAT_WRITES => true,
+                _ => continue,
+            };
+            if !is_used || direction == is_written {
+                continue;
+            }
+            let wanted = match record.kind {
+                sm_type::MAILBOX_OUT => "2, mailbox from the device",
+                sm_type::MAILBOX_IN => "1, mailbox to the device",
+                sm_type::OUTPUTS => "4, inputs",
+                _ => "3, outputs",
+            };
+            let by = if is_written { "the device" } else { "the MainDevice" };
+            let expected = format!(
+                "type {wanted}, for SyncManager {number}, since {by} writes it by its control byte \
+                 {:#04x}",
+                record.control
+            );
+            let (at, found) = (self.record(number) + 3, format!("type {}", record.kind));
+            match self.has_objects() {
+                true => self.may_matter(DoubtKind::SyncManagerDirection, at, expected, found),
+                false => self.keeps(DoubtKind::SyncManagerDirection, at, expected, found),
+            }
+        }
+    }
+
+    /// Whether a protocol of the mailbox can tell what SyncManagers and PDOs are for.
+    fn has_objects(&self) -> bool {
+        self.content.header.protocols & (Header::COE | Header::SOE) != 0
+    }
+
     /// The word of a record.
     fn record(&self, number: usize) -> usize {
         let first = self.content.sync_managers_at.unwrap_or(self.content.end);
@@ -209,3 +255,6 @@ impl Judge<'_> {
 fn words(area: MailboxArea) -> String {
     format!("{} bytes at 0x{:04X}", area.length, area.start)
 }
+
+/// Bits 3:2 of a SyncManager's control byte.
+const DIRECTION: u8 = 0x0C;

@@ -287,6 +287,53 @@ fn lengths_and_flags_may_be_the_maindevices() {
     assert_eq!(found, (vec![], vec![("sync-manager-untyped", at + 11)]));
 }
 
+/// Type and control byte of a SyncManager name one direction; each end of the pair may be wrong.
+#[test]
+fn types_agree_with_control_bytes() {
+    let with = |number: usize, kind, coe: bool| {
+        let mut sii = if coe { sample() } else { without_mailbox() };
+        sii.sync_managers[number].kind = kind;
+        let at = place(&sii.image(0, Names::All).expect("short"), 41) / 2;
+        (judged(&sii), at)
+    };
+    // Objects tell what the SyncManagers are for, and without them nothing does.
+    let (found, at) = with(2, sm_type::INPUTS, true);
+    assert_eq!(found, (vec![], vec![("sync-manager-direction", at + 11)]));
+    let (found, at) = with(3, sm_type::OUTPUTS, true);
+    assert_eq!(found, (vec![], vec![("sync-manager-direction", at + 15)]));
+    let (found, at) = with(0, sm_type::INPUTS, false);
+    assert_eq!(found, (vec![("sync-manager-direction", at + 3)], vec![]));
+    // Right, and what says nothing: no bytes, a control byte of 0.
+    let changes: [fn(&mut SmRecord); 3] =
+        [|_| {}, |sm| (sm.kind, sm.length) = (sm_type::INPUTS, 0), |sm| sm.control = 0];
+    for (number, change) in changes.into_iter().enumerate() {
+        let mut sii = sample();
+        change(&mut sii.sync_managers[2]);
+        assert_eq!(judged(&sii), NONE, "{number}");
+    }
+}
+
+/// Whose PDOs the EEPROM does not list is no doubt, and the text says where they must come from.
+#[test]
+fn bytes_without_a_pdo_are_told() {
+    let told = |change: fn(&mut Sii)| {
+        let mut sii = sample();
+        change(&mut sii);
+        assert_eq!(judged(&sii), NONE);
+        read(&sii.image(0, Names::All).expect("short")).text()
+    };
+    let text = told(|sii| sii.inputs.clear());
+    assert!(text.contains("no RxPDO for its bytes in the EEPROM (category 51)"), "{text}");
+    assert!(text.contains("from object 0x1C13 or the description"), "{text}");
+    // PDOs of one direction: the other may have none.
+    assert!(!told(|_| {}).contains("for its bytes"));
+    let off = told(|sii| {
+        sii.inputs.clear();
+        (sii.sync_managers[2].length, sii.sync_managers[3].enable) = (0, 0);
+    });
+    assert!(!off.contains("for its bytes"), "{off}");
+}
+
 #[test]
 fn a_blank_image_has_no_other_doubt() {
     for byte in [0x00, 0xFF] {

@@ -137,15 +137,32 @@ impl Report {
         writeln!(out, "  ESC           {} ({})", words.join(", "), self.configuration)
     }
 
-    /// A SyncManager for process data that the EEPROM gives no byte: what becomes of it.
+    /// A SyncManager for process data that the EEPROM gives no byte, or no PDO for its bytes: what
+    /// becomes of it.
     fn write_empty(&self, out: &mut String, number: usize, sm: &SyncManager) -> fmt::Result {
         let mut pdos = self.tx_pdos.iter().chain(&self.rx_pdos);
         let is_assigned = pdos.any(|pdo| pdo.sync_manager.map(usize::from) == Some(number));
         let is_process_data = matches!(&*sm.purpose, "outputs" | "inputs") && !sm.is_virtual;
+        let has_coe = self.protocols.iter().any(|protocol| protocol == "CoE");
+        let has_pdos = !self.tx_pdos.is_empty() || !self.rx_pdos.is_empty();
+        if is_process_data && sm.enabled && sm.length > 0 && !has_pdos {
+            let (direction, category) = match &*sm.purpose {
+                "outputs" => ("RxPDO", 51),
+                _ => ("TxPDO", 50),
+            };
+            writeln!(out, "    no {direction} for its bytes in the EEPROM (category {category})")?;
+            let object = 0x1C10 + number;
+            return match has_coe {
+                true => writeln!(
+                    out,
+                    "    its PDOs must come from object 0x{object:04X} or the description (ESI)"
+                ),
+                false => writeln!(out, "    its PDOs must come from the description (ESI)"),
+            };
+        }
         if !is_process_data || sm.length > 0 || is_assigned {
             return Ok(());
         }
-        let has_coe = self.protocols.iter().any(|protocol| protocol == "CoE");
         let unless = match has_coe {
             true => format!(" unless 0x{:04X} assigns PDOs", 0x1C10 + number),
             false => String::new(),

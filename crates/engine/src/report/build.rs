@@ -239,6 +239,10 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
         application: found
             .filter(|found| found.outputs.length + found.inputs.length > 0)
             .map(|_| application(outcome.world.application().axes().get(position)))
+            .map(|text| {
+                let device = &outcome.world.segment().devices()[position];
+                text + &unchanged(device.stack.sync().toggle_failed())
+            })
             .unwrap_or_default(),
         assumptions: wanted
             .profile
@@ -341,6 +345,17 @@ pub(super) fn delay_unknown(device: &SubDevice) -> Option<String> {
             })
         }
         _ => None,
+    }
+}
+
+/// What a device says that wants its outputs to change each time, if they did not.
+fn unchanged(count: u16) -> String {
+    match count {
+        0 => String::new(),
+        count => format!(
+            "; it counted {count} outputs as old, since their toggle bit did not change (0x1C32:0E): the application must change \
+             that bit, or count it up, with each frame"
+        ),
     }
 }
 

@@ -20,6 +20,8 @@ kinds! {
         WayDown = "way-down",
         /// Frames leave through a port that the ESC does not have.
         PortNotThere = "port-not-there",
+        /// Frames come in through another port than port 0.
+        PortsSwapped = "ports-swapped",
         /// The ESC promises distributed clocks, and its receive times do not answer.
         NoReceiveTimes = "no-receive-times",
         /// 0x1C32:04 or 0x1C33:04 announces no mode.
@@ -157,6 +159,7 @@ impl NoteKind {
         Self::GivenUp,
         Self::WayDown,
         Self::PortNotThere,
+        Self::PortsSwapped,
         Self::NoReceiveTimes,
         Self::NoTypes,
         Self::FreeRunNotAnnounced,

@@ -129,6 +129,36 @@ fn a_loss_in_operation_says_why_too_and_a_good_run_nothing() {
     assert!(!good.text.contains("Cause") && !good.text.contains("closer"), "{}", good.text);
 }
 
+/// Causes that lie outside of the SubDevice with the finding, each beside a segment that is right
+/// in the same place.
+#[test]
+fn what_others_do_to_a_device_is_told_as_theirs() {
+    const PAIR: &str = "cycle = \"1ms\"\nfor = \"3s\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nname = \"near\"\n\
+                        [[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nname = \"far\"\n";
+    let why = |name: &str, text: &str| run(name, text, &[]).report["diagnoses"].to_string();
+    // A host that leads the clocks and is late, one that leads and is not, and one that follows.
+    let slow = "[[fault]]\nat = \"in-operation + 500ms\"\nwhat = \"slow-send 200us 400us 3%\"\n";
+    let leads = format!("direction = \"drive-reference\"\n{PAIR}");
+    let told = why("leads-late", &format!("{leads}{slow}"));
+    assert!(told.contains("follow-reference") && told.contains("The host leads"), "{told}");
+    assert_eq!(why("leads", &leads), "[]");
+    let told = why("follows-late", &format!("{PAIR}{slow}"));
+    assert!(!told.contains("follow-reference"), "{told}");
+    // Ways out and back that differ, and equal ones.
+    let fibre = format!("{PAIR}cable = \"900m\"\nfibre = true\n");
+    let told = why("unequal", &format!("{fibre}cable_asymmetry = \"3us\"\n"));
+    assert!(told.contains("out and back differ"), "{told}");
+    assert_eq!(why("equal", &fibre), "[]");
+    // One way of a cable that is dead: between these two, and before all of them.
+    let broken = |at: &str| {
+        format!("{PAIR}[[fault]]\nat = \"in-operation + 500ms\"\nwhat = \"break {at} out\"\n")
+    };
+    let told = why("dead-between", &broken("far"));
+    assert!(told.contains("dead behind SubDevice 0 (near)"), "{told}");
+    let told = why("dead-before", &broken("near"));
+    assert!(told.contains("the first cable") && !told.contains("dead behind"), "{told}");
+}
+
 /// Rows of the first table that begin with this place.
 fn rows(text: &str) -> Vec<String> {
     let table = text.split("0B 0C 0D 20\n").nth(1).unwrap_or_default();

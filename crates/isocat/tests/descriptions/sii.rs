@@ -202,7 +202,11 @@ fn no_maker_is_blamed() {
                 let kept: Vec<_> = file.doubts.iter().filter(|doubt| doubt.keeps_from_op).collect();
                 let expected = usize::from(name == "kickcat_sm_fmmu.xml");
                 assert_eq!(kept.len(), expected, "{name} {}: {kept:?}", device.type_name);
-                let lesser = [DoubtKind::SyncManagerOff, DoubtKind::SyncManagerUntyped];
+                let lesser = [
+                    DoubtKind::SyncManagerOff,
+                    DoubtKind::SyncManagerUntyped,
+                    DoubtKind::SyncManagerDirection,
+                ];
                 let blamed = file.doubts.iter().filter(|doubt| lesser.contains(&doubt.kind));
                 let blamed = blamed.count();
                 assert!(blamed <= expected, "{name} {}: {blamed}", device.type_name);

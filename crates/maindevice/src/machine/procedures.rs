@@ -11,11 +11,11 @@ use isocat_wire::time::Nanos;
 
 use crate::delay::Times;
 use crate::delay_watch::Change;
-use crate::error::{AccessError, Cause, SdoResult};
+use crate::error::{AccessError, SdoResult};
 use crate::event::RequestId;
 use crate::health::Look;
 use crate::mailbox::Mailbox;
-use crate::segment::SubDevice;
+use crate::readmit::Recovered;
 
 use super::background::{Ends, Kind};
 
@@ -34,7 +34,7 @@ pub(super) enum Ended {
     /// All SubDevices that were being re-admitted have come to their end.
     Readmit,
     /// The recovery of a SubDevice that left OP.
-    Recover(usize, Box<Result<SubDevice, Cause>>),
+    Recover(usize, Box<Recovered>),
     /// A write of 0x0928; whether it was accepted.
     Rewrite(Change, bool),
     /// A latch of the receive times; `None`: it did not come back complete.

@@ -13,6 +13,7 @@ use super::way::Activity;
 use crate::board::Wish;
 use crate::clock;
 use crate::delay_watch::DelayWatch;
+use crate::error::Cause;
 use crate::event::Event;
 use crate::health::Found;
 use crate::readmit::{self, Return};
@@ -26,18 +27,12 @@ impl MainDevice {
         device.admitted = false;
         (device.al_status, device.al_code) = (AlStatus(0), AlStatusCode::NO_ERROR);
         self.states_changed();
-        if let Some(mailbox) = self.mailboxes.get_mut(position) {
-            *mailbox = None;
-        }
         self.link.report(Event::Lost { position, cycle: number });
         if let Some(cycle) = &mut self.cycle {
             cycle.set_present(position, false);
         }
         self.procedures.end_at(Kind::Recover, position);
-        // A procedure on its mailbox would take the answers of its later re-admission.
-        self.procedures.end_at(Kind::Entry, position);
-        let asked = self.procedures.end_at(Kind::Request, position);
-        self.refuse_these(&asked);
+        self.close_mailbox(position);
         self.keeper.is_lost(position);
         self.end_background(Ends::Way);
         if self.segment.reference == Some(position) {
@@ -150,16 +145,23 @@ impl MainDevice {
             let Ended::Recover(position, result) = ended else { continue };
             let now = self.link.now();
             let (policy, well) = (self.config.recovery, result.is_ok());
+            let through_init = self.keeper.needs_init(position);
+            if matches!(&*result, Err(cause) if kept_error(cause)) {
+                self.keeper.kept_error(position);
+            }
             let (after, again) = self.keeper.attempted(position, policy, now, well);
             match *result {
-                Ok(device) => {
+                Ok((device, mailbox)) => {
+                    if let Some(place) = self.mailboxes.get_mut(position).filter(|_| through_init) {
+                        *place = mailbox;
+                    }
                     // Its delay may have been corrected meanwhile, so only these fields are taken
                     // over.
                     let known = &mut self.segment.devices[position];
                     (known.al_status, known.al_code) = (device.al_status, device.al_code);
                     known.sync = device.sync;
                     self.states_changed();
-                    self.link.report(Event::Recovered { position, after });
+                    self.link.report(Event::Recovered { position, after, through_init });
                 }
                 Err(cause) => self.link.report(Event::NotRecovered { position, cause, again }),
             }
@@ -272,11 +274,36 @@ impl MainDevice {
         };
         self.link.report(Event::Recovering { position, status, code, attempt });
         let (link, config) = (self.link.clone(), self.config.clone());
-        let recover = readmit::recover(link, config, self.segment.clone(), position);
-        self.procedures.start(Kind::Recover, About::position(position), async move {
-            Ended::Recover(position, Box::new(recover.await))
-        });
+        let segment = self.segment.clone();
+        if self.keeper.needs_init(position) {
+            self.close_mailbox(position);
+            let restart = readmit::restart(link, config, segment, position);
+            self.procedures.start(Kind::Recover, About::position(position), async move {
+                Ended::Recover(position, Box::new(restart.await))
+            });
+        } else {
+            let recover = readmit::recover(link, config, segment, position);
+            self.procedures.start(Kind::Recover, About::position(position), async move {
+                Ended::Recover(position, Box::new(recover.await))
+            });
+        }
     }
+
+    /// Ends what goes on in a mailbox: a procedure on it would take the answers of its later
+    /// re-admission.
+    fn close_mailbox(&mut self, position: usize) {
+        if let Some(mailbox) = self.mailboxes.get_mut(position) {
+            *mailbox = None;
+        }
+        self.procedures.end_at(Kind::Entry, position);
+        let asked = self.procedures.end_at(Kind::Request, position);
+        self.refuse_these(&asked);
+    }
+}
+
+/// Whether a SubDevice kept its error although that was acknowledged.
+fn kept_error(cause: &Cause) -> bool {
+    matches!(cause, Cause::StateTimeout { requested: AlState::SafeOp, status, .. } if status.error())
 }
 
 /// Number of readings of a clock whose median is its recent difference.

@@ -37,6 +37,8 @@ struct Absence {
     well_since: Option<Time<Host>>,
     /// Number of attempts to recover it since it was last in order.
     attempts: u32,
+    /// How often it kept its error through an acknowledgement since it was last recovered.
+    kept_error: u32,
 }
 
 impl Keeper {
@@ -157,6 +159,18 @@ impl Keeper {
         self.absences.iter().filter(waits).map(|absence| absence.not_before).min()
     }
 
+    /// Whether acknowledging its error has not helped often enough, so that only INIT is left.
+    pub fn needs_init(&self, position: usize) -> bool {
+        let kept = |absence: &Absence| absence.kept_error >= ACKNOWLEDGEMENTS;
+        self.absences.get(position).is_some_and(kept)
+    }
+
+    /// Called when a SubDevice kept its error through an acknowledgement.
+    pub fn kept_error(&mut self, position: usize) {
+        let absence = &mut self.absences[position];
+        absence.kept_error = absence.kept_error.saturating_add(1);
+    }
+
     /// Called at the end of an attempt; `well` if the SubDevice is in OP. Returns the time that it
     /// took, and the time until another attempt.
     pub fn attempted(
@@ -168,6 +182,7 @@ impl Keeper {
     ) -> (Nanos, Option<Nanos>) {
         if well {
             self.is_well(position, now);
+            self.absences[position].kept_error = 0;
         }
         let absence = &mut self.absences[position];
         let after = now - absence.busy.take().unwrap_or(now);
@@ -178,6 +193,9 @@ impl Keeper {
         (after, Some(pause))
     }
 }
+
+/// Acknowledgements that may be in vain before INIT: a device that is busy may miss one.
+const ACKNOWLEDGEMENTS: u32 = 3;
 
 #[cfg(test)]
 mod tests {
@@ -215,6 +233,22 @@ mod tests {
         assert_eq!(keeper.attempt(0, policy, ms(222)), None);
         assert_eq!(keeper.attempt(0, policy, ms(231)), None);
         assert_eq!(keeper.attempt(0, policy, ms(232)), Some(1));
+    }
+
+    #[test]
+    fn a_kept_error_leads_to_init_after_three_acknowledgements() {
+        let ms = |ms: u64| Time::new(1_000_000 * ms);
+        let mut keeper = Keeper::new(1);
+        for _ in 0..2 {
+            keeper.kept_error(0);
+            assert!(!keeper.needs_init(0));
+        }
+        keeper.kept_error(0);
+        assert!(keeper.needs_init(0));
+        keeper.attempted(0, Recovery::Never, ms(1), false);
+        assert!(keeper.needs_init(0), "nothing else has helped meanwhile");
+        keeper.attempted(0, Recovery::Never, ms(2), true);
+        assert!(!keeper.needs_init(0));
     }
 
     /// The states may be read more seldom than both pauses together; a late reading is no recovery.

@@ -11,6 +11,10 @@ pub(super) fn change(kind: NoteKind) -> &'static [&'static str] {
         K::PortNotThere | K::LinkWithoutSignal => {
             &["cables and connectors at that port; the order of devices if ports are swapped"]
         }
+        K::PortsSwapped => &[
+            "swap its plugs: the cable that comes from the MainDevice belongs into the port IN (port 0); frames pass all the same, \
+             and other MainDevices compute other delays",
+        ],
         K::NoReceiveTimes | K::ReceiveTimesOnly | K::DelayUnknown => {
             &["a mode without DC for this device, or its delay measured by hand"]
         }

@@ -82,6 +82,21 @@ impl Doubts {
 
     fn ports(&mut self, device: &SubDevice) {
         let (status, kinds) = (device.dl_status, device.esc.ports);
+        if device.entry != PortNumber::P0 {
+            let entry = device.entry;
+            let port_0 = match status.link(PortNumber::P0) {
+                true => "port 0 (IN) leads on",
+                false => "port 0 (IN) has no link",
+            };
+            self.contradicts(
+                NoteKind::PortsSwapped,
+                format!(
+                    "frames come in at port {entry}, and {port_0}: the cable from the MainDevice is in \
+                    the wrong port. It works; swap the plugs, since other MainDevices compute its \
+                    delay for IN at port 0"
+                ),
+            );
+        }
         for port in PortNumber::ALL {
             let kind = PortKind::of(kinds, port);
             if status.open(port) && !kind.is_there() {

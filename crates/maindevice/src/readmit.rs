@@ -45,8 +45,9 @@ pub(crate) use places::places;
 /// The result for one SubDevice.
 pub(crate) type Outcome = Result<Box<(SubDevice, Option<Mailbox>)>, Cause>;
 
-/// A SubDevice that is in OP again, with its new mailbox if it was led through INIT.
-pub(crate) type Recovered = Result<(SubDevice, Option<Mailbox>), Cause>;
+/// How a recovery ended: the SubDevice, in OP again, and its new mailbox if it was led through INIT
+/// and came to PREOP at least.
+pub(crate) type Recovered = (Result<SubDevice, Cause>, Option<Mailbox>);
 
 /// Results by position, as they come.
 pub(crate) type Outcomes = Arc<Mutex<Vec<(usize, Outcome)>>>;
@@ -397,7 +398,7 @@ pub(crate) async fn recover(
     config: Arc<Config>,
     segment: Segment,
     position: usize,
-) -> Recovered {
+) -> Result<SubDevice, Cause> {
     let mut device = segment.devices[position].clone();
     let (status, code) = esm::read_status(&link, device.station).await?;
     (device.al_status, device.al_code) = (status, code);
@@ -415,7 +416,7 @@ pub(crate) async fn recover(
     // them for seconds on its way to OP.
     let_sync_run(&link, &config, &segment, &mut device).await?;
     to_op(&link, &config, &segment, &mut device).await?;
-    Ok((device, None))
+    Ok(device)
 }
 
 /// Leads a SubDevice through INIT, which clears an error that it keeps otherwise, and up again as
@@ -428,11 +429,23 @@ pub(crate) async fn restart(
 ) -> Recovered {
     let device = segment.devices[position].clone();
     let mut one = Traveller { place: position, device, mailbox: None, failed: None };
-    esm::to_init(&link, &mut one.device, config.timeouts.init).await?;
-    prepare(&link, &config, &segment, &mut one).await?;
-    let way = link.board(|board| board.way_changes);
-    finish(&link, &config, &segment, Some(way), &mut one).await?;
-    Ok((one.device, one.mailbox))
+    let result = match through_init(&link, &config, &segment, &mut one).await {
+        // It was never out of the segment, so its delay is corrected as that of all others.
+        Err(Cause::WayChanged { .. }) if one.device.al_status.state() == Ok(AlState::Op) => Ok(()),
+        result => result,
+    };
+    (result.map(|()| one.device), one.mailbox)
+}
+
+async fn through_init(
+    link: &Link,
+    config: &Config,
+    segment: &Segment,
+    one: &mut Traveller,
+) -> Result<(), Cause> {
+    esm::to_init(link, &mut one.device, config.timeouts.init).await?;
+    prepare(link, config, segment, one).await?;
+    finish(link, config, segment, None, one).await
 }
 
 /// Goes to OP. A SubDevice whose pulses stop on its way there waits for them, for nine seconds as a
@@ -488,6 +501,6 @@ async fn let_sync_run(
 /// before the first one.
 const SYNC_LOOK: Nanos = Nanos::millis(500);
 
-/// How long an error may stay after it was acknowledged, before another attempt: devices take
-/// milliseconds, and those that store something before they go on, less than this.
+/// How long an error may stay after it was acknowledged, before another attempt: five times the
+/// time that descriptions usually give for the way back to SAFEOP (BackToSafeopTimeout, 200 ms).
 const ACKNOWLEDGEMENT: Nanos = Nanos::millis(1_000);

@@ -212,6 +212,7 @@ impl Judge<'_> {
             };
             // A SyncManager without bytes guards nothing, and a control byte of 0 may be left out.
             let is_used = record.length > 0 && record.control != 0 && !record.is_window();
+            let is_used = is_used && record.enable & SmRecord::ENABLED != 0;
             let direction = match record.control & DIRECTION {
                 0 => false,
                 SyncManager::CONTROL_ECAT_WRITES => true,

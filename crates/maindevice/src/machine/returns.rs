@@ -144,17 +144,18 @@ impl MainDevice {
         while let Some(ended) = self.procedures.go_on(Kind::Recover, &mut from) {
             let Ended::Recover(position, result) = ended else { continue };
             let now = self.link.now();
+            let (result, mailbox) = *result;
             let (policy, well) = (self.config.recovery, result.is_ok());
             let through_init = self.keeper.needs_init(position);
-            if matches!(&*result, Err(cause) if kept_error(cause)) {
+            if matches!(&result, Err(cause) if kept_error(cause)) {
                 self.keeper.kept_error(position);
             }
             let (after, again) = self.keeper.attempted(position, policy, now, well);
-            match *result {
-                Ok((device, mailbox)) => {
-                    if let Some(place) = self.mailboxes.get_mut(position).filter(|_| through_init) {
-                        *place = mailbox;
-                    }
+            if let Some(place) = self.mailboxes.get_mut(position).filter(|_| mailbox.is_some()) {
+                *place = mailbox;
+            }
+            match result {
+                Ok(device) => {
                     // Its delay may have been corrected meanwhile, so only these fields are taken
                     // over.
                     let known = &mut self.segment.devices[position];
@@ -284,7 +285,7 @@ impl MainDevice {
         } else {
             let recover = readmit::recover(link, config, segment, position);
             self.procedures.start(Kind::Recover, About::position(position), async move {
-                Ended::Recover(position, Box::new(recover.await))
+                Ended::Recover(position, Box::new((recover.await, None)))
             });
         }
     }

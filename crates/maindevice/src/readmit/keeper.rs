@@ -142,6 +142,7 @@ impl Keeper {
         let Some(absence) = self.absences.get_mut(position) else { return };
         if core::mem::take(&mut absence.fallen) {
             absence.well_since = Some(now);
+            absence.kept_error = 0;
         }
     }
 

@@ -103,12 +103,15 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
 /// Whether a text that is not understood may be a line of a log: more than a number, an object or
 /// a kind of number with a number.
 fn reads_as_line(what: &str) -> bool {
-    let is_number = |text: &str| number(text).is_some() || object_address(text).is_some();
+    let of_a_number = |c: char| c.is_ascii_hexdigit() || "xX#:_-".contains(c);
+    let is_number = |text: &str| text.chars().all(of_a_number);
     let of_a_kind = what
         .split_once([' ', '='])
         .filter(|(word, rest)| *word == "key" || kind(word).is_some() && is_number(rest.trim()));
-    let is_value = what.split_once('=').is_some_and(|(place, _)| is_number(place.trim()));
-    of_a_kind.is_none() && !is_value && what.chars().any(|c| c.is_alphabetic())
+    let place = what.split_once('=').map_or(what, |(place, _)| place.trim());
+    // Some programs print an error of 32 bits of their own.
+    let long = number(what).is_some_and(|number| number.long);
+    of_a_kind.is_none() && (long || !is_number(place))
 }
 
 /// Explains a text that is itself a code, an object, a word and the like.
@@ -408,8 +411,8 @@ fn register_meaning(address: u16, value: Option<u32>) -> Option<Meaning> {
                     true => ("behind", "ahead of"),
                 };
                 format!(
-                    "the local clock is {size} {older} the time received ({newer} it on chips whose register text \
-                     has bit 31 the other way round)"
+                    "the local clock is {size} {older} the time received ({newer} it on chips \
+                         whose register text has bit 31 the other way round)"
                 )
             }
             (0x0980, Ok(word)) => return Some(word_meaning(word)),
@@ -568,12 +571,11 @@ fn understood(near: Option<String>) -> String {
 
 /// The understood forms.
 const FORMS: &str = "understood: 0x001A (AL status code), 0x06090030 (SDO abort code), 0x1C32:0B \
-                     (object), 0x1C32:04=0x0427 (its value), 0x0990 (register), 0x0300 \
-                     (AssignActivate), dc-sync0 (mode), modes, \"lost sync\" (symptom), input_shift \
-                     (key of a segment file or a profile), sync0-in-frame (kind of a finding, \
-                     note or doubt), F7011 (alarm number of a drive's maker), a whole \
-                     line of a log; a kind before a number: AL, abort, SoE, \
-                     object, register, AssignActivate, SI4, key";
+     (object), 0x1C32:04=0x0427 (its value), 0x0990 (register), 0x0300 (AssignActivate), dc-sync0 \
+     (mode), modes, \"lost sync\" (symptom), input_shift (key of a segment file or a profile), \
+     sync0-in-frame (kind of a finding, note or doubt), F7011 (alarm number of a drive's maker), a \
+     whole line of a log; a kind before a number: AL, abort, SoE, object, register, \
+     AssignActivate, SI4, key";
 
 #[cfg(test)]
 mod tests;

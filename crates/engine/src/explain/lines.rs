@@ -22,6 +22,8 @@ mod spoken;
 mod twincat;
 mod words;
 
+use std::sync::LazyLock;
+
 use isocat_sync::explain::{Entry, symptoms, terms};
 
 use super::{Found, Meaning, of, symptom_meaning, term_meaning};
@@ -36,7 +38,7 @@ struct Program {
 
 /// Lines that mean the same.
 struct Line {
-    /// The printed texts, in the notation of [`Pattern`]; the first one names the line.
+    /// The printed texts, in the notation of [`Pattern`].
     prints: &'static [&'static str],
     /// A number in the line says more than the line does, so that it comes first.
     introduces: bool,
@@ -68,50 +70,63 @@ static PROGRAMS: [&Program; 12] = [
     &spoken::PROGRAM,
 ];
 
+/// A pattern, its text, and where it stands.
+struct Known {
+    pattern: Pattern,
+    print: &'static str,
+    program: &'static Program,
+    line: &'static Line,
+}
+
+/// Every pattern, in the order of the tables.
+static PATTERNS: LazyLock<Vec<Known>> = LazyLock::new(|| {
+    let mut patterns = Vec::new();
+    for program in PROGRAMS {
+        for line in program.lines {
+            for print in line.prints {
+                patterns.push(Known { pattern: Pattern::new(print), print, program, line });
+            }
+        }
+    }
+    patterns
+});
+
 /// The meanings of a line, the one that decides first; empty if nothing in it is known.
 pub(super) fn meanings(text: &str) -> Vec<Meaning> {
-    let printed = known(text);
-    let mut numbers = numbers::meanings(text);
-    numbers.extend(makers::within(text));
-    let (known_line, introduces) = match printed {
-        Some((meaning, introduces)) => (Some(meaning), introduces),
-        None => (None, false),
+    let mut all = numbers::meanings(text);
+    all.extend(makers::within(text));
+    let Some(known) = known(text) else {
+        if all.is_empty() {
+            return word(text)
+                .map(|word| Meaning { found: Found::Word, ..word })
+                .into_iter()
+                .collect();
+        }
+        for meaning in &mut all {
+            meaning.found = Found::Number;
+        }
+        return all;
     };
-    let found = if known_line.is_some() { Found::Line } else { Found::Number };
-    let mut all: Vec<Meaning> = numbers;
+    let at = if known.line.introduces { all.len() } else { 0 };
+    let name = format!("printed by {}", known.program.name);
+    all.insert(at, of("line", format!("\"{}\"", known.print), name, known.line.entry));
     for meaning in &mut all {
-        meaning.found = found;
-    }
-    match known_line {
-        Some(meaning) if introduces => all.push(meaning),
-        Some(meaning) => all.insert(0, meaning),
-        None => {}
-    }
-    if all.is_empty() {
-        all.extend(word(text).map(|meaning| Meaning { found: Found::Word, ..meaning }));
+        meaning.found = Found::Line;
     }
     all
 }
 
-/// The line of a program that fits best, and whether a number in it says more.
-fn known(text: &str) -> Option<(Meaning, bool)> {
+/// The pattern that fits best.
+fn known(text: &str) -> Option<&'static Known> {
     let tokens = tokens(text);
-    let mut best: Option<(usize, &Program, &Line)> = None;
-    for program in PROGRAMS {
-        for line in program.lines {
-            for print in line.prints {
-                let letters = Pattern::new(print).fits(&tokens).unwrap_or_default();
-                if letters > best.map_or(0, |(most, ..)| most) {
-                    best = Some((letters, program, line));
-                }
-            }
+    let mut best: Option<(usize, &Known)> = None;
+    for known in PATTERNS.iter() {
+        let letters = known.pattern.fits(&tokens).unwrap_or_default();
+        if letters > best.map_or(0, |(most, _)| most) {
+            best = Some((letters, known));
         }
     }
-    let (_, program, line) = best?;
-    let name = format!("printed by {}", program.name);
-    let mut meaning = of("line", format!("\"{}\"", line.prints[0]), name, line.entry);
-    meaning.found = Found::Line;
-    Some((meaning, line.introduces))
+    best.map(|(_, known)| known)
 }
 
 /// The word of the field that the line holds: the longest name of a symptom or term.
@@ -138,7 +153,7 @@ fn word(text: &str) -> Option<Meaning> {
 }
 
 /// Names that are nothing but a state or a common word where they stand within a line.
-const NO_SYMPTOM_WITHIN_A_LINE: [&str; 20] = [
+const NO_SYMPTOM_WITHIN_A_LINE: [&str; 24] = [
     "safeop",
     "preop",
     "switch",
@@ -159,6 +174,10 @@ const NO_SYMPTOM_WITHIN_A_LINE: [&str; 20] = [
     "emergency",
     "watchdog",
     "no frame",
+    "safe op error",
+    "safeop error",
+    "safeop err",
+    "safeop with error",
 ];
 
 #[cfg(test)]

@@ -33,7 +33,7 @@ fn letters(words: &str) -> impl Iterator<Item = char> {
 }
 
 /// All symptoms, the most frequent first.
-pub static SYMPTOMS: [Symptom; 21] = [
+pub static SYMPTOMS: [Symptom; 22] = [
     Symptom {
         name: "lost sync",
         aliases: &[
@@ -116,6 +116,12 @@ pub static SYMPTOMS: [Symptom; 21] = [
             "cycle jitter",
             "send jitter",
             "late frames",
+            "latency",
+            "realtime latency",
+            "realtime delay",
+            "host late",
+            "overrun",
+            "cycle overrun",
             "late frame",
         ],
         entry: entry(
@@ -163,6 +169,12 @@ pub static SYMPTOMS: [Symptom; 21] = [
         name: "stuck in SAFEOP",
         aliases: &[
             "no op",
+            "cannot reach op",
+            "can not reach op",
+            "can t reach op",
+            "safeop no error",
+            "safeop without error",
+            "hangs in safeop",
             "does not reach op",
             "op refused",
             "refuses op",
@@ -209,6 +221,35 @@ pub static SYMPTOMS: [Symptom; 21] = [
             ],
             &["0x0134", "0x1C12, 0x1C13 and the PDOs in them", "0x1C32:04: the modes it has"],
             &["compare with `isocat plan my.toml --start-up`, which lists each write in its order"],
+        ),
+    },
+    Symptom {
+        name: "stuck in INIT",
+        aliases: &[
+            "stays in init",
+            "does not reach preop",
+            "preop refused",
+            "hangs in init",
+            "no preop",
+        ],
+        entry: entry(
+            "The device refuses PREOP, or never answers the request: what is checked there is the \
+                 mailbox.",
+            &[
+                "SM0 and SM1 are not those of the SII (0x0016), or not set at all",
+                "its program does not run: the EEPROM is blank or wrong, or firmware is missing",
+                "the error bit was not acknowledged (0x0120 bit 4)",
+                "the request reaches another device: station addresses were not set",
+            ],
+            &[
+                "0x0130 and 0x0134",
+                "0x0800 to 0x080F against SII words 0x18 to 0x1B",
+                "0x0502: EEPROM errors",
+            ],
+            &[
+                "mailbox SyncManagers by the SII, acknowledge, then PREOP",
+                "`isocat sii` of its EEPROM",
+            ],
         ),
     },
     Symptom {
@@ -271,6 +312,10 @@ pub static SYMPTOMS: [Symptom; 21] = [
         name: "no SYNC0",
         aliases: &[
             "sync0 missing",
+            "sync pulse missing",
+            "sync0 lost",
+            "sync0 is lost",
+            "missing sync0",
             "no sync pulse",
             "no sync0 pulse",
             "sync0 does not run",
@@ -300,6 +345,8 @@ pub static SYMPTOMS: [Symptom; 21] = [
             "a cycle late",
             "outputs a cycle late",
             "missed events",
+            "sm event missed",
+            "sm missed",
             "missed event",
         ],
         entry: entry(
@@ -336,7 +383,15 @@ pub static SYMPTOMS: [Symptom; 21] = [
     },
     Symptom {
         name: "mailbox timeout",
-        aliases: &["sdo timeout", "mailbox error", "no mailbox answer", "sdo no answer", "mailbox"],
+        aliases: &[
+            "sdo timeout",
+            "mailbox error",
+            "no mailbox answer",
+            "sdo no answer",
+            "mailbox full",
+            "mailbox stuck",
+            "mailbox",
+        ],
         entry: entry(
             "A request by mailbox (SDO, FoE, EoE) is not answered in time.",
             &[
@@ -369,6 +424,15 @@ pub static SYMPTOMS: [Symptom; 21] = [
             "jerking",
             "jerky motion",
             "stutter",
+            "jump",
+            "jumps",
+            "jumping",
+            "position jumps",
+            "motor jumps",
+            "twitch",
+            "twitching",
+            "twitches",
+            "bumps",
             "stuttering",
         ],
         entry: entry(
@@ -425,6 +489,11 @@ pub static SYMPTOMS: [Symptom; 21] = [
             "oscillation",
             "oscillating",
             "velocity ripple",
+            "whistling",
+            "squealing",
+            "screeching",
+            "rumbling",
+            "rumble",
             "speed ripple",
         ],
         entry: entry(

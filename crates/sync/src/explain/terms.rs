@@ -13,7 +13,7 @@ const fn term(name: &'static str, aliases: &'static [&'static str], entry: Entry
 }
 
 /// All terms: clocks first, then frames, then devices.
-pub static TERMS: [Symptom; 22] = [
+pub static TERMS: [Symptom; 28] = [
     term(
         "reference clock",
         &["dc reference clock", "ref clock", "reference device", "dc master", "which clock leads"],
@@ -329,7 +329,13 @@ pub static TERMS: [Symptom; 22] = [
     ),
     term(
         "process data watchdog",
-        &["watchdog", "sm watchdog", "sync manager watchdog time", "output watchdog"],
+        &[
+            "watchdog",
+            "sm watchdog",
+            "pdo watchdog",
+            "sync manager watchdog time",
+            "output watchdog",
+        ],
         entry(
             "If no outputs arrive for this time, the device makes its outputs safe and leaves OP \
                  with 0x001B: 0x0400 (divider) times 0x0420.",
@@ -433,6 +439,92 @@ pub static TERMS: [Symptom; 22] = [
             ],
             &["0x10F1:02 and 0x1C32:0B"],
             &["first frames that come in time; a higher limit where a missed cycle does no harm"],
+        ),
+    ),
+    term(
+        "SYNC0",
+        &["sync 0", "sync0 pulse", "sync pulse", "sync signal", "sync0 signal", "sync0 event"],
+        entry(
+            "A pulse that the DC unit of a device makes by its own clock, each 0x09A0 ns from the \
+                 start time on. With it outputs act, or the device begins its cycle, at the same \
+                 instant in all devices.",
+            &[
+                "it does not run: start time in the past, or 0x0981 not written",
+                "it does not fit the frame: too close behind it, or frames slide",
+            ],
+            &["0x0981, 0x0984, 0x0990, 0x09A0", "0x1C32:0B: events that came without a new frame"],
+            &[
+                "start time in the future, then 0x0981, before SAFEOP",
+                "shift it behind the frame: arrival + jitter + 0x1C32:06",
+            ],
+        ),
+    ),
+    term(
+        "SYNC1",
+        &["sync 1", "sync1 pulse", "sync1 signal", "sync1 event"],
+        entry(
+            "A second pulse, 0x09A4 ns behind SYNC0. By the mode it takes the inputs, lets outputs \
+                 act, or marks the bus cycle where SYNC0 runs several times in it.",
+            &["0x09A4 is not below 0x09A0, or 0 where the mode needs it"],
+            &["0x09A4, 0x0998", "`isocat explain modes`"],
+            &["AssignActivate 0x0700 and a distance that the mode asks for"],
+        ),
+    ),
+    term(
+        "sync window",
+        &["sync window monitoring", "dc sync window", "synchronization window"],
+        entry(
+            "A limit for 0x092C of all devices: while each clock is closer to the reference than \
+                 it, the segment counts as synchronized. It says nothing about frames against \
+                 SYNC0.",
+            &[
+                "clocks have not settled yet",
+                "drift frames stopped, or a device lies before the reference clock",
+                "a window that is too narrow for a steered reference clock",
+            ],
+            &["0x092C of each device, or its worst by BRD"],
+            &["drift frames each cycle; then a window of some 100 ns to 1 us"],
+        ),
+    ),
+    term(
+        "FMMU",
+        &["fmmus", "fieldbus memory management unit"],
+        entry(
+            "It maps bits of the logical address space to memory of a device, for reading or \
+                 writing. A datagram to a logical address counts only where an FMMU maps it.",
+            &["wrong length or start: the working counter is too low, or bytes are shifted"],
+            &["0x0600 + 16 n: the FMMUs", "0x0800 + 8 n: the SyncManager behind it"],
+            &["`isocat plan my.toml`: each mapping with its addresses"],
+        ),
+    ),
+    term(
+        "SyncManager",
+        &["sync manager", "sync managers", "syncmanagers", "SM"],
+        entry(
+            "It guards an area of memory so that both sides see complete data: SM0 and SM1 the \
+                 mailbox, SM2 outputs, SM3 inputs. A write to all of SM2 is the event of \
+                 SM-synchronous devices.",
+            &[
+                "length or start differs from what the device expects: SAFEOP refused with 0x0017, \
+                     0x001D, 0x001E",
+                "a frame that does not touch its last byte triggers no event",
+            ],
+            &["0x0800 + 8 n", "0x1C00, 0x1C12, 0x1C13"],
+            &["lengths by the mapped PDOs, control bytes by the SII"],
+        ),
+    ),
+    term(
+        "alias",
+        &["station alias", "configured station alias", "second address", "explicit device id"],
+        entry(
+            "A number by which a device is known wherever it is plugged in: of the EEPROM (word 4, \
+                 register 0x0012), or a switch that the device shows.",
+            &[
+                "changed in the EEPROM and not loaded yet: the power must go off and on",
+                "two devices with one alias",
+            ],
+            &["0x0012", "SII word 4", "0x0134, where the device shows its identification"],
+            &["one alias for each device of one kind, above all for hot connect"],
         ),
     ),
 ];

@@ -58,7 +58,6 @@ static LINES: &[Line] = &[
             "Mailbox(NoWriteMailbox)",
             "device has no read mailbox",
             "device has no write",
-            "NoMailbox",
         ],
         &causes::NOT_SUPPORTED,
     ),
@@ -91,8 +90,8 @@ static LINES: &[Line] = &[
     line(
         &[
             "InvalidState { expected",
-            "is in invalid state # Expected",
-            "state is invalid: # expected",
+            "is in invalid state * Expected",
+            "state is invalid * expected",
         ],
         &OTHER_STATE,
     ),

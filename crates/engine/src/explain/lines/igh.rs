@@ -25,7 +25,13 @@ static LINES: &[Line] = &[
     ),
     line(&["Domain # WC # state", "Domain State #", "Domain: WC #"], &causes::COUNTER_CHANGES),
     line(
-        &["Slave did not sync after # ms", "did not sync after #", "slave did not sync"],
+        &[
+            "Slave did not sync after # ms",
+            "did not sync after #",
+            "slave could not be synchronized",
+            "could not be synchronized",
+            "slave did not sync",
+        ],
         &causes::CLOCK_NOT_SETTLED,
     ),
     line(&["Failed to check DC synchrony", "DC sync check datagram"], &causes::CLOCK_NOT_SETTLED),
@@ -70,7 +76,7 @@ static LINES: &[Line] = &[
         ],
         &causes::ERROR_BIT,
     ),
-    line(&["Slave states on # device", "Slave states"], &SLAVE_STATES),
+    line(&["Slave states on # device", "Slave states on"], &SLAVE_STATES),
     line(
         &[
             "# slaves responding on # device",
@@ -140,9 +146,9 @@ static LINES: &[Line] = &[
             "SDO # failed with timeout after # ms",
             "Timeout while waiting for SDO upload",
             "Timeout while waiting for SDO download",
-            "Timeout while waiting for",
             "Timeout after # ms while waiting",
-            "upload response failed with timeout",
+            "failed with timeout after # ms",
+            "response failed with timeout",
             "Reception of CoE upload response failed",
             "Reception of CoE download response failed",
             "Reception of CoE mailbox check datagram failed",
@@ -267,6 +273,8 @@ static LINES: &[Line] = &[
             "Failed to receive loop control",
             "Failed to receive base data datagram",
             "Failed to receive * datagram",
+            "Failed to * Datagram timed out",
+            "Datagram timed out",
             "Reception of * datagram failed",
             "Reception of * failed",
         ],
@@ -318,7 +326,12 @@ static LINES: &[Line] = &[
         &causes::OUT_OF_STEP,
     ),
     line(
-        &["Releasing master", "Requesting master", "Accepting # as # device for master"],
+        &[
+            "Checking for synchrony",
+            "Releasing master",
+            "Requesting master",
+            "Accepting # as # device for master",
+        ],
         &causes::NOTICE,
     ),
 ];

@@ -30,10 +30,7 @@ static LINES: &[Line] = &[
         &["Error while trying to get slave state", "Error while requesting slave state"],
         &causes::DEVICE_LOST,
     ),
-    introduction(
-        &["State transition error", "AL status code", "error::category::AL"],
-        &causes::STATE_REFUSED,
-    ),
+    introduction(&["State transition * error", "error::category::AL"], &causes::STATE_REFUSED),
     line(
         &["State transition timeout", "waiting for state * timeout", "waitForState timeout"],
         &causes::STATE_LATE,

@@ -49,6 +49,7 @@ static LINES: &[Line] = &[
     line(
         &[
             "fail to read slave # configuration",
+            "fail to read configuration",
             "PDO entry registration failed",
             "failure to append PDO entries",
             "domain creation failed",

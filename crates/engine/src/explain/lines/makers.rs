@@ -32,7 +32,7 @@ pub(in super::super) fn alone(text: &str) -> Vec<Meaning> {
 /// A bare number that no table has: a drive's number too, rather than nothing.
 pub(in super::super) fn bare(text: &str) -> Option<Meaning> {
     let digits = text.chars().all(|c| c.is_ascii_digit());
-    let looks = digits && (4..=5).contains(&text.len());
+    let looks = digits && text.len() == 4;
     looks.then(|| of("number of a maker", text.to_owned(), "of a drive's maker", &UNKNOWN))
 }
 
@@ -49,8 +49,10 @@ pub(super) fn within(line: &str) -> Vec<Meaning> {
     let mut all = Vec::new();
     for (i, word) in words.iter().enumerate() {
         let last = i.checked_sub(1).map(|last| words[last].to_lowercase()).unwrap_or_default();
-        let follows = BEFORE_AN_ALARM.contains(&last.as_str());
         let has_letter = word.starts_with(|c: char| c.is_ascii_alphabetic());
+        // "error 50000 ns" is no alarm.
+        let follows = BEFORE_AN_ALARM.contains(&last.as_str())
+            && (has_letter || !["error", "code"].contains(&last.as_str()));
         let certain = || has_letter && !known(word).is_empty();
         if is_alarm(word) && (follows || certain() && (speaks_of_drives || word.len() > 4)) {
             all.extend(alone(word));
@@ -68,7 +70,8 @@ const BEFORE_AN_ALARM: [&str; 13] = [
     "störung", "zeigt", "says",
 ];
 
-fn known(text: &str) -> Vec<Meaning> {
+/// What public manuals say of a number; empty if none does.
+pub(super) fn known(text: &str) -> Vec<Meaning> {
     let plain = plain(text);
     let same = |alarm: &&Alarm| alarm.codes.contains(&plain.as_str());
     let found = ALARMS.iter().filter(same);
@@ -81,12 +84,13 @@ fn plain(text: &str) -> String {
     let letters: String = lower.chars().filter(|c| c.is_ascii_alphanumeric()).collect();
     let stem =
         ["error", "err", "alarm", "fault"].iter().find_map(|stem| letters.strip_prefix(stem));
-    let stem = stem.or_else(|| lower.starts_with("er.").then(|| &letters[2..]));
+    let stem = stem
+        .or_else(|| (lower.starts_with("er.") || lower.starts_with("er ")).then(|| &letters[2..]));
     stem.unwrap_or(&letters).to_owned()
 }
 
 /// Whether it is written as an alarm number is: a letter and digits (`F414`, `Er.E08`, `A.A12`),
-/// two groups of digits (`88.0`), or four hex digits in the makers' range (`8303`).
+/// two groups of digits (`88.0`), five digits, or four hex digits in the makers' range (`8303`).
 fn is_alarm(text: &str) -> bool {
     let digits = |text: &str, most: usize| {
         !text.is_empty() && text.len() <= most && text.chars().all(|c| c.is_ascii_digit())
@@ -94,6 +98,9 @@ fn is_alarm(text: &str) -> bool {
     let counts = text.chars().any(|c| c.is_ascii_digit());
     if text.len() == 4 && counts && text.chars().all(|c| c.is_ascii_hexdigit()) {
         return u16::from_str_radix(text, 16).is_ok_and(|value| value >= 0x8000);
+    }
+    if digits(text, 5) && text.len() == 5 {
+        return true;
     }
     if let Some((group, rest)) = text.split_once('.')
         && digits(group, 3)
@@ -112,7 +119,7 @@ fn is_alarm(text: &str) -> bool {
     let counted =
         (2..=5).contains(&number.len()) && number.starts_with(|c: char| c.is_ascii_digit());
     let is_prefix = marked && head.len() <= 1 || !marked && head.len() == 1 || head == "ee";
-    is_prefix && counted && hexadecimal && digits(point, 2)
+    is_prefix && head != "x" && counted && hexadecimal && digits(point, 2)
 }
 
 /// What may stand before the number on a display.

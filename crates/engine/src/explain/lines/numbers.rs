@@ -3,13 +3,14 @@
 //! What stands before a number says what it is. A number that nothing names is only taken for what
 //! cannot be mistaken: an abort code, an object of synchronization.
 
-use isocat_sync::explain::{aborts, symptoms};
+use isocat_sync::explain::{aborts, al_codes, symptoms};
 use isocat_wire::ObjectAddress;
 
 use super::super::{
     Meaning, abort_meaning, al_meaning, meanings as of_number, number::Number, object_meaning,
-    register_meaning, symptom_meaning,
+    register_meaning, symptom_meaning, word_meaning,
 };
+use super::makers;
 use super::names::{ABORTS, AL_CODES};
 use super::words::{Pattern, tokens};
 
@@ -29,9 +30,9 @@ pub(super) fn meanings(line: &str) -> Vec<Meaning> {
     let mut all = Vec::new();
     let mut code = None;
     let mut state = None;
-    for i in 0..words.len() {
+    for (i, used) in used.iter_mut().enumerate() {
         let Some(role) = role(&words, i) else { continue };
-        used[i] = true;
+        *used = true;
         match role {
             Role::AlCode(value) => code = code.or(Some(value)),
             Role::State(value) => state = state.or(Some(value)),
@@ -44,9 +45,9 @@ pub(super) fn meanings(line: &str) -> Vec<Meaning> {
     };
     all.extend(silent_stop.map(symptom_meaning));
     all.extend(code.and_then(al_meaning));
-    for i in 0..words.len() {
-        if let Some(abort) = abort(&words, i).filter(|_| !used[i]) {
-            used[i] = true;
+    for (i, used) in used.iter_mut().enumerate().filter(|(_, used)| !**used) {
+        if let Some(abort) = abort(&words, i) {
+            *used = true;
             all.extend(abort_meaning(abort));
         }
     }
@@ -95,9 +96,16 @@ fn role(words: &[Word<'_>], i: usize) -> Option<Role> {
     let says_al = has("al") || before.iter().any(|word| word.starts_with("alstatus"));
     let is_code = names_code
         || has("code") && (has("status") || has("al"))
+        || has("state") && last == "code"
         || says_al && (has("message") || has("error") || has("msg"));
     let hexadecimal = prefixed(&words[i].lower);
     let short = |value: u32| u16::try_from(value).ok();
+    // "0x0134 is 0x001D": the register of the code, and its value.
+    let reads_code = before.iter().rev().take(2).any(|word| *word == "0x0134");
+    if let Some(value) = hexadecimal.filter(|value| reads_code && !(0x100..0x8000).contains(value))
+    {
+        return short(value).map(Role::AlCode);
+    }
     if is_code {
         let value = match hexadecimal {
             Some(value) => value,
@@ -217,7 +225,20 @@ fn other(words: &[Word<'_>], i: usize, known_so_far: bool) -> Vec<Meaning> {
     {
         return register_meaning(short, None).into_iter().collect();
     }
-    if known_so_far || is(&OF_SOMETHING_ELSE) || words[i].text.len() < 6 {
+    if is(&["assignactivate", "activate", "dcassignactivate"]) {
+        return vec![word_meaning(short)];
+    }
+    if known_so_far || is(&OF_SOMETHING_ELSE) {
+        return Vec::new();
+    }
+    if short >= al_codes::FIRST_OF_VENDOR {
+        return makers::known(&format!("{short:04X}"));
+    }
+    let after_error = is(&["error", "code", "fault", "reason"]) && short > 1;
+    if let Some(code) = al_meaning(short).filter(|_| after_error) {
+        return vec![code];
+    }
+    if words[i].text.len() < 6 {
         return Vec::new();
     }
     let number = Number { value, long: false };
@@ -254,9 +275,9 @@ const OF_SOMETHING_ELSE: [&str; 26] = [
     "controlword",
 ];
 
-/// The value of `0x1A`, or of `#x1A` and `16#1A`, of which only the digits are left here.
+/// The value of `0x1A`, or of `x300` and `#x300`, of which the sign is gone here.
 fn prefixed(text: &str) -> Option<u32> {
-    hex(text.strip_prefix("0x")?)
+    hex(text.strip_prefix("0x").or_else(|| text.strip_prefix('x'))?)
 }
 
 /// The value of `1C32h`.

@@ -7,11 +7,24 @@ pub(super) static PROGRAM: Program = Program { name: "SOEM and programs with it"
 
 static LINES: &[Line] = &[
     line(
-        &["No slaves found", "0 slaves found", "no slave found", "found 0 slaves"],
+        &[
+            "No slaves found",
+            "0 slaves found",
+            "0 slaves found and configured",
+            "slaves found and configured 0",
+            "no slave found",
+            "found 0 slaves",
+        ],
         &causes::NO_DEVICES,
     ),
     line(
-        &["ERROR : slave # lost", "slave # lost", "slave # is lost", "slave # not responding"],
+        &[
+            "ERROR : slave # lost",
+            "slave # lost",
+            "slave # is lost",
+            "slave lost",
+            "slave # not responding",
+        ],
         &causes::DEVICE_LOST,
     ),
     line(
@@ -40,6 +53,8 @@ static LINES: &[Line] = &[
             "all slaves are now operational",
             "OP state reached",
             "all slaves reached operational state",
+            "all slaves reached OP",
+            "all slaves in OP",
         ],
         &causes::IN_OPERATION,
     ),
@@ -66,13 +81,7 @@ static LINES: &[Line] = &[
         &causes::STATE_REFUSED,
     ),
     introduction(
-        &[
-            "Slave # State=# StatusCode=#",
-            "State=# StatusCode=#",
-            "slave # is # AL-status=#",
-            "ALstatuscode",
-            "AL status code #",
-        ],
+        &["Slave # State=# StatusCode=#", "State=# StatusCode=#", "slave # is # AL-status=#"],
         &causes::STATE_REFUSED,
     ),
     introduction(&["SDO slave:# index:# error:#", "SDO slave # index"], &causes::SDO_FAILED),

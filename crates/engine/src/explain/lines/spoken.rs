@@ -51,6 +51,8 @@ static LINES: &[Line] = &[
     line(
         &[
             "receive timeout",
+            "rx timeout",
+            "receive timed out",
             "frame timeout",
             "response timeout",
             "datagram timeout",
@@ -87,6 +89,8 @@ static LINES: &[Line] = &[
         &[
             "state transition failed",
             "failed to transition to",
+            "failed to transition",
+            "refused to go to",
             "failed to go to OP",
             "transition to # failed",
             "failed to set OP",
@@ -104,10 +108,7 @@ static LINES: &[Line] = &[
         ],
         &causes::STATE_LATE,
     ),
-    line(
-        &["link down", "link is down", "link lost", "carrier lost", "NIC Link is Down"],
-        &causes::LINK,
-    ),
+    line(&["link down", "link is down", "carrier lost", "NIC Link is Down"], &causes::LINK),
     line(
         &[
             "deadline missed",
@@ -147,6 +148,8 @@ static LINES: &[Line] = &[
     line(&["ring is broken", "cable redundancy lost", "redundancy lost"], &causes::REDUNDANCY_USED),
     line(
         &[
+            "operation not permitted",
+            "PermissionDenied",
             "operation not permitted * socket",
             "raw socket * permitted",
             "permission denied * interface",
@@ -154,8 +157,44 @@ static LINES: &[Line] = &[
         &causes::NO_SOCKET,
     ),
     line(
-        &["EEPROM checksum", "EEPROM read failed", "SII checksum", "EEPROM checksum error"],
+        &[
+            "EEPROM checksum",
+            "EEPROM CRC",
+            "EEPROM CRC error",
+            "EEPROM read failed",
+            "SII checksum",
+            "EEPROM checksum error",
+        ],
         &causes::EEPROM,
     ),
     line(&["emergency message", "emergency received", "EMCY"], &causes::EMERGENCY),
+    introduction(
+        &[
+            "falls back to SAFEOP",
+            "fell back to SAFEOP",
+            "drops to SAFEOP",
+            "dropped to SAFEOP",
+            "goes to SAFEOP",
+            "went to SAFEOP",
+            "falls to SAFEOP",
+            "fell to SAFEOP",
+            "back to SAFEOP",
+            "dropped out of OP",
+            "fell out of OP",
+            "falls out of OP",
+            "drops out of OP",
+            "leaves OP",
+            "switches to SAFEOP",
+            "SAFEOP with error",
+            "SAFEOP ERROR",
+        ],
+        &causes::ERROR_BIT,
+    ),
+    line(&["configuring DC for slave * assignActivate"], &causes::NOTICE),
+    line(
+        &["PDO length mismatch", "SM length mismatch", "length of SM", "PDO size mismatch"],
+        &causes::CONFIGURATION,
+    ),
+    line(&["No buffer space available", "ENOBUFS"], &causes::CAPACITY),
+    line(&["Network is down", "ENETDOWN", "No such device"], &causes::NO_SOCKET),
 ];

@@ -4,7 +4,7 @@
 /// singular, one word for a SubDevice and for a working counter, umlauts as two letters.
 pub(super) fn tokens(text: &str) -> Vec<String> {
     let mut parts: Vec<String> = Vec::new();
-    for run in runs(text) {
+    for run in runs(&text.replace("(s)", "s")) {
         if run.chars().any(|c| c.is_ascii_digit()) {
             parts.push(run.to_lowercase());
         } else {

@@ -2,6 +2,10 @@
 //! text in the tables of [`isocat_sync::explain`] and [`isocat_segment::keys`], and in the kinds of
 //! findings, notes and doubts ([`kinds`]).
 //!
+//! A whole line of a log is looked up among those that MainDevices print, and by its numbers and
+//! words (`lines`). A drive's own alarm number is never taken for an AL status code: such a code
+//! has `0x` or `AL` before it, or is less than 0x8000.
+//!
 //! A key may occur in several places, and each has its [`Meaning`]. `key object` is the key where
 //! `object` alone is a kind. A bare number may be several things, and each has its [`Meaning`], the
 //! likeliest first. A kind before the number (`AL 0x0030`, `SI4 0x0427`, `register 0x0300`) selects
@@ -9,13 +13,14 @@
 
 mod key;
 pub mod kinds;
+mod lines;
 mod number;
 mod text;
 
 use isocat_descriptions::document::{name_hint, nearest};
 use isocat_segment::keys;
 use isocat_sync::explain::{
-    Entry, aborts, al_codes, assign_activate, modes, objects, registers, soe_codes, symptoms,
+    Entry, aborts, al_codes, assign_activate, modes, objects, registers, soe_codes, symptoms, terms,
 };
 use isocat_sync::object::{SupportedTypes, SyncType, sub};
 use isocat_sync::{SyncMode, opmode};
@@ -48,6 +53,22 @@ pub struct Meaning {
     pub read: &'static [&'static str],
     /// What to change.
     pub change: &'static [&'static str],
+    /// How it was found in the text.
+    pub found: Found,
+}
+
+/// How a meaning was found in the text that was asked for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Found {
+    /// The text itself is a code, an object, a word and the like.
+    Asked,
+    /// The text holds a line that a program prints; or it is a number within such a line.
+    Line,
+    /// It is a number within a line that is not known.
+    Number,
+    /// It is a word of the field within a line that is not known.
+    Word,
 }
 
 /// A text without a known meaning.
@@ -70,8 +91,31 @@ impl std::fmt::Display for Unknown {
 impl std::error::Error for Unknown {}
 
 /// Explains a text: `0x001A`, `0x06090030`, `0x1C32:0B`, `0x1C32:04=0x0427`, `AL 0x0030`,
-/// `dc-sync0`, `input_shift`. Returns at least one meaning, the likeliest first.
+/// `dc-sync0`, `input_shift`, or a line of a log. Returns at least one meaning, the likeliest
+/// first; of a line, the one that decides.
 pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
+    asked(what).or_else(|unknown| {
+        let meanings = if reads_as_line(what.trim()) { lines::meanings(what) } else { Vec::new() };
+        if meanings.is_empty() { Err(unknown) } else { Ok(meanings) }
+    })
+}
+
+/// Whether a text that is not understood may be a line of a log: more than a number, an object or
+/// a kind of number with a number.
+fn reads_as_line(what: &str) -> bool {
+    let of_a_number = |c: char| c.is_ascii_hexdigit() || "xX#:_-".contains(c);
+    let is_number = |text: &str| text.chars().all(of_a_number);
+    let of_a_kind = what
+        .split_once([' ', '='])
+        .filter(|(word, rest)| *word == "key" || kind(word).is_some() && is_number(rest.trim()));
+    let place = what.split_once('=').map_or(what, |(place, _)| place.trim());
+    // Some programs print an error of 32 bits of their own.
+    let long = number(what).is_some_and(|number| number.long);
+    of_a_kind.is_none() && (long || !is_number(place))
+}
+
+/// Explains a text that is itself a code, an object, a word and the like.
+fn asked(what: &str) -> Result<Vec<Meaning>, Unknown> {
     let what = what.trim();
     let unknown =
         |reason: String, hint: String| Err(Unknown { what: what.to_owned(), reason, hint });
@@ -106,10 +150,18 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
     // A word such as "jitter" is both; the user more likely looks for a fault, so the symptom comes
     // first.
     let mut of_words: Vec<_> = symptoms::find(what).map(symptom_meaning).into_iter().collect();
+    of_words.extend(terms::find(what).map(term_meaning));
     of_words.extend(key::meanings(what));
     of_words.extend(of_kinds);
     if !of_words.is_empty() {
         return Ok(of_words);
+    }
+    let of_maker = lines::makers::alone(what);
+    if !of_maker.is_empty() {
+        // The words of 0x1C32:04 are often written without 0x, too.
+        let supported = number(what).and_then(|number| u16::try_from(number.value).ok());
+        let supported = supported.filter(|word| objects::COMMON_SUPPORTED.contains(word));
+        return Ok(supported.map(supported_meaning).into_iter().chain(of_maker).collect());
     }
     let (place, value) = match what.split_once('=') {
         Some((place, value)) => (place.trim(), Some(value.trim())),
@@ -140,6 +192,9 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
     let meanings = meanings(number, value);
     if !meanings.is_empty() {
         return Ok(meanings);
+    }
+    if let Some(meaning) = lines::makers::bare(what) {
+        return Ok(vec![meaning]);
     }
     let reason = format!("{} is no number that is known", number.hex());
     match u16::try_from(number.value) {
@@ -277,7 +332,9 @@ impl Kind {
 
 fn of(kind: &'static str, what: String, name: impl Into<String>, entry: &Entry) -> Meaning {
     let Entry { means, causes, read, change } = *entry;
-    Meaning { kind, what, name: name.into(), means, value: Vec::new(), causes, read, change }
+    let name = name.into();
+    let found = Found::Asked;
+    Meaning { kind, what, name, means, value: Vec::new(), causes, read, change, found }
 }
 
 fn al_meaning(code: u16) -> Option<Meaning> {
@@ -354,8 +411,8 @@ fn register_meaning(address: u16, value: Option<u32>) -> Option<Meaning> {
                     true => ("behind", "ahead of"),
                 };
                 format!(
-                    "the local clock is {size} {older} the time received ({newer} it on chips whose register text \
-                     has bit 31 the other way round)"
+                    "the local clock is {size} {older} the time received ({newer} it on chips \
+                         whose register text has bit 31 the other way round)"
                 )
             }
             (0x0980, Ok(word)) => return Some(word_meaning(word)),
@@ -429,6 +486,10 @@ fn symptom_meaning(symptom: &symptoms::Symptom) -> Meaning {
     of("symptom", symptom.name.into(), "what is behind it", &symptom.entry)
 }
 
+fn term_meaning(term: &symptoms::Symptom) -> Meaning {
+    of("term", term.name.into(), "a word of the field", &term.entry)
+}
+
 fn mode_meaning(mode: SyncMode) -> Meaning {
     of("mode", mode.name().into(), "synchronization mode", modes::explain(mode))
 }
@@ -454,10 +515,11 @@ fn near_word(word: &str) -> String {
     }
     let symptoms: Vec<_> = symptoms::SYMPTOMS
         .iter()
+        .chain(&terms::TERMS)
         .flat_map(|symptom| symptom.aliases.iter().copied().chain([symptom.name]))
         .collect();
     if let Some(near) = nearest(word, &symptoms) {
-        return format!("did you mean \"{near}\"? {hint}, or a symptom");
+        return format!("did you mean \"{near}\"? {hint}, or a symptom or term");
     }
     let names: Vec<_> = keys::all().map(|place| place.key.name).collect();
     if let Some(near) = nearest(word, &names) {
@@ -509,11 +571,11 @@ fn understood(near: Option<String>) -> String {
 
 /// The understood forms.
 const FORMS: &str = "understood: 0x001A (AL status code), 0x06090030 (SDO abort code), 0x1C32:0B \
-                     (object), 0x1C32:04=0x0427 (its value), 0x0990 (register), 0x0300 \
-                     (AssignActivate), dc-sync0 (mode), modes, \"lost sync\" (symptom), input_shift \
-                     (key of a segment file or a profile), sync0-in-frame (kind of a finding, \
-                     note or doubt); a kind before a number: AL, abort, SoE, \
-                     object, register, AssignActivate, SI4, key";
+     (object), 0x1C32:04=0x0427 (its value), 0x0990 (register), 0x0300 (AssignActivate), dc-sync0 \
+     (mode), modes, \"lost sync\" (symptom), input_shift (key of a segment file or a profile), \
+     sync0-in-frame (kind of a finding, note or doubt), F7011 (alarm number of a drive's maker), a \
+     whole line of a log; a kind before a number: AL, abort, SoE, object, register, \
+     AssignActivate, SI4, key";
 
 #[cfg(test)]
 mod tests;

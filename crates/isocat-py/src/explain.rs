@@ -17,7 +17,7 @@ pub struct Explanation {
 #[pymethods]
 impl Explanation {
     /// Each meaning as a ``dict``: ``kind``, ``what``, ``name``, ``means``, ``value``, ``causes``,
-    /// ``read``, ``change``.
+    /// ``read``, ``change``, and ``found``: "asked", or "line", "number", "word" of a line of a log.
     #[getter]
     fn meanings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         value::document(py, &self.meanings)
@@ -42,13 +42,13 @@ impl Explanation {
     }
 }
 
-/// Explains a code, an object, a register, a synchronization mode or a key of a file, and what to
-/// do about it.
+/// Explains a code, an object, a register, a synchronization mode, a key of a file or a line of a
+/// log, and what to do about it.
 ///
 /// Parameters
 /// ----------
 /// what : int or str
-///     ``0x001A``, ``"0x1C32:0B"``, ``"AL 0x0030"``, ``"dc-sync0"``, ``"host.jitter"``.
+///     ``0x001A``, ``"0x1C32:0B"``, ``"AL 0x0030"``, ``"dc-sync0"``, ``"host.jitter"``, ``"No slaves found!"``.
 ///
 /// Returns
 /// -------

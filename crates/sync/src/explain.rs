@@ -1,4 +1,4 @@
-//! The meaning of codes, objects, registers, modes and symptoms for an engineer who looks for a
+//! The meaning of codes, objects, registers, modes, symptoms and terms for an engineer who looks for a
 //! fault: in plain words, with the usual causes in order of likelihood, what to read next and what
 //! to change.
 //!
@@ -13,6 +13,7 @@ pub mod objects;
 pub mod registers;
 pub mod soe_codes;
 pub mod symptoms;
+pub mod terms;
 
 /// The explanation of one code, object, register, mode or symptom. Each list begins with the item
 /// that is most worth trying.

@@ -4,7 +4,7 @@ use isocat_descriptions::document::name_hint;
 use isocat_descriptions::document::section::{Key, Kind};
 use isocat_segment::keys::{self, Place};
 
-use super::Meaning;
+use super::{Found, Meaning};
 
 /// The meanings of a key in every place where it may occur.
 pub(super) fn meanings(name: &str) -> Vec<Meaning> {
@@ -39,6 +39,7 @@ fn meaning(place: &Place) -> Meaning {
         causes: &[],
         read: &[],
         change: &[],
+        found: Found::Asked,
     }
 }
 

@@ -15,7 +15,7 @@ use isocat_segment::profile::{DoubtKind, Obstacle};
 use isocat_sim::Judged;
 use isocat_sync::opmode;
 
-use super::Meaning;
+use super::{Found, Meaning};
 use crate::report::NoteKind;
 use crate::{replay, verdict};
 
@@ -122,6 +122,7 @@ fn meaning(
         causes: &[],
         read: &[],
         change,
+        found: Found::Asked,
     }
 }
 

@@ -3,11 +3,16 @@
 use isocat_descriptions::columns::wrap;
 use serde::Serialize;
 
-use super::{FORMAT, Meaning};
+use super::{FORMAT, Found, Meaning};
 
 /// The meanings as text of a hundred columns.
 pub fn text(meanings: &[Meaning]) -> String {
     let mut text = String::new();
+    match meanings.first().map(|meaning| meaning.found) {
+        Some(Found::Number) => text += "Nothing is known of this line as such; of its numbers:\n\n",
+        Some(Found::Word) => text += "Nothing is known of this line as such; of its words:\n\n",
+        Some(Found::Line | Found::Asked) | None => {}
+    }
     if meanings.len() > 1 {
         text += &format!("{} things, the likeliest first:\n\n", meanings.len());
     }

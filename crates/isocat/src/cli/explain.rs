@@ -1,5 +1,5 @@
-//! `isocat explain`: the meaning of a code, an object, a register, a mode or a key of a file, from
-//! the data that the stack and the parsers use; and the schemas of files for editors.
+//! `isocat explain`: the meaning of a code, an object, a register, a mode, a line of a log or a key
+//! of a file, from the data that the stack and the parsers use; and the schemas of files for editors.
 
 use std::fmt::Write;
 
@@ -24,6 +24,9 @@ Examples:
   isocat explain AssignActivate 0x0730
   isocat explain dc-sync0             a synchronization mode
   isocat explain lost sync            a symptom: lost sync, wkc, jitter, stuck in SAFEOP, no SYNC0, ...
+  isocat explain reference clock      a word of the field: reference clock, hot connect, coalescing, ...
+  isocat explain 'EtherCAT WARNING 0: 21 datagrams UNMATCHED!'        a line of a log, as a MainDevice prints it
+  isocat explain F7011                an alarm number of a drive's maker
   isocat explain modes                what each mode needs of 0x1C32 and 0x1C33
   isocat explain input_shift          a key of a segment file or a profile, in each place where it may stand
   isocat explain subdevice.cycle      a key in one place
@@ -32,14 +35,16 @@ Examples:
 
 A number that may be several things is explained as each, the likeliest first; AL, abort, SoE, object,
 register, AssignActivate or SI4 before it says which one is meant, and key before a word that is a key of a file.
+A number of a drive's display, such as F414, is its maker's: an AL status code from 0x8000 on has AL or 0x before it.
+Of a line of a log that is not known as such, its numbers or words are explained, and it says so.
 Exit code: 0 explained, 2 not known.";
 
 /// Arguments of `isocat explain`.
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// A code, an object, a register, a mode, a symptom, a key of a file, a kind of a finding or a
-    /// doubt, or "modes"
+    /// A code, an object, a register, a mode, a symptom, a line of a log, a maker's alarm number, a
+    /// key of a file, a kind of a finding or a doubt, or "modes"
     #[arg(required_unless_present = "schema", value_name = "WHAT")]
     what: Vec<String>,
     /// Print the JSON schema of a kind of file, for editors

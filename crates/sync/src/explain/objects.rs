@@ -1,5 +1,5 @@
 //! The objects of synchronization: 0x1C00, 0x1C12, 0x1C13, 0x1C32, 0x1C33, 0x10F1, and 0x10F4 and
-//! 0x10F5 of devices that join two segments.
+//! 0x10F5 of devices that join two segments; of other objects those that are set or read with them.
 
 use isocat_wire::ObjectAddress;
 
@@ -26,6 +26,13 @@ const EXTERNAL_STATUS: u16 = 0x10F4;
 /// External synchronization, settings.
 const EXTERNAL_SETTINGS: u16 = 0x10F5;
 
+/// Messages that the device keeps.
+const DIAGNOSIS_HISTORY: u16 = 0x10F3;
+/// CiA 402: the last error.
+const ERROR_CODE: u16 = 0x603F;
+/// CiA 402: the time from one set point to the next.
+const INTERPOLATION_TIME: u16 = 0x60C2;
+
 /// Name and meaning of a whole object.
 pub fn object(index: u16) -> Option<(&'static str, &'static Entry)> {
     Some(match index {
@@ -37,6 +44,11 @@ pub fn object(index: u16) -> Option<(&'static str, &'static Entry)> {
         ERROR_SETTINGS => ("error settings", &ERRORS),
         EXTERNAL_STATUS => ("external synchronization status", &EXTERNAL),
         EXTERNAL_SETTINGS => ("external synchronization settings", &EXTERNAL_SET),
+        DIAGNOSIS_HISTORY => ("diagnosis history", &HISTORY),
+        0x1600..=0x17FF => ("PDO mapping, outputs (RxPDO)", &MAPPING),
+        0x1A00..=0x1BFF => ("PDO mapping, inputs (TxPDO)", &MAPPING),
+        ERROR_CODE => ("error code of the drive", &DRIVE_ERROR),
+        INTERPOLATION_TIME => ("interpolation time period", &INTERPOLATION),
         _ => return None,
     })
 }
@@ -58,6 +70,10 @@ pub fn sub_index(object: ObjectAddress) -> Option<(&'static str, &'static Entry)
         }
         (ERROR_SETTINGS, 1) => Some(("local error reaction", &REACTION)),
         (ERROR_SETTINGS, 2) => Some(("sync error counter limit", &LIMIT)),
+        (0x1600..=0x17FF | 0x1A00..=0x1BFF, 1..=254) => Some(("a mapped entry", &MAPPING)),
+        (DIAGNOSIS_HISTORY, 1..=255) => Some(("diagnosis history", &HISTORY)),
+        (INTERPOLATION_TIME, 1) => Some(("interpolation time, value", &INTERPOLATION)),
+        (INTERPOLATION_TIME, 2) => Some(("interpolation time, power of ten", &INTERPOLATION)),
         (EXTERNAL_STATUS, 1) => Some(("sync mode", &EXTERNAL_MODE)),
         (EXTERNAL_STATUS, 14) => Some(("control value update toggle", &EXTERNAL_TOGGLE)),
         (EXTERNAL_STATUS, 15) => Some(("time stamp update toggle", &EXTERNAL_TOGGLE)),
@@ -113,6 +129,46 @@ static ASSIGNMENT: Entry = entry(
     &["the mapping objects it names: their lengths add up to the SyncManager's length"],
     &["in PREOP: 0 to sub-index 0, then the PDOs, then their number; read back. Some devices \
          have it fixed"],
+);
+static MAPPING: Entry = entry(
+    "What a PDO is made of: sub-index 0 is the number of entries, each other one 0xIIIISSLL, \
+         index, sub-index and length in bits of an object. 0x1600 and on are outputs, 0x1A00 and \
+         on inputs.",
+    &[
+        "a write is refused: the mapping is fixed, the PDO is still assigned, or the state is not \
+             PREOP",
+        "the object does not exist: the device has its PDOs in the SII alone",
+    ],
+    &["0x1C12 and 0x1C13: which PDOs are assigned", "the lengths of SM2 and SM3 against their sum"],
+    &["in PREOP: 0 to sub-index 0 of the assignment and of the mapping, then entries, then their \
+         number"],
+);
+static INTERPOLATION: Entry = entry(
+    "The time from one set point to the next, by which a drive interpolates: :01 (u8) x 10 to the \
+     power of :02 (i8) seconds. It must be the cycle at which set points come.",
+    &[
+        "longer or shorter than the cycle: the drive hums, clicks or vibrates, with a following \
+             error",
+        "a start-up list that was made for another cycle",
+        "a write is refused: the drive takes SYNC0's cycle by itself, or does not take this value",
+    ],
+    &["0x09A0 and 0x1C32:02: the cycle of SYNC0", "0x6060 and 0x6061: the mode of operation"],
+    &["the bus cycle, in PREOP: 1 ms is :01 = 1, :02 = -3; 500 us is :01 = 5, :02 = -4; 250 us \
+             is :01 = 25, :02 = -5"],
+);
+static DRIVE_ERROR: Entry = entry(
+    "The last error of a drive, u16, by CiA 402; the maker's own number is often elsewhere. 0x8700 \
+     is the sync controller, 0xFFxx the maker's.",
+    &["a fault of drive, motor or supply", "a lost synchronization or link, in the drive's words"],
+    &["0x1001 and 0x10F3", "0x0134: the AL status code that belongs to it"],
+    &["what the maker's manual says; communication faults first by 0x0134"],
+);
+static HISTORY: Entry = entry(
+    "Messages that the device keeps about its errors, newest by :02, with a time stamp and a text \
+     number of the maker.",
+    &[],
+    &["the text of a number in the device's description (ESI)", "0x603F and 0x1001"],
+    &["nothing: read it before power is switched off"],
 );
 static OUTPUTS: Entry = entry(
     "How the device's outputs are synchronized: the mode, the times that a plan of the cycle \
@@ -265,7 +321,8 @@ const GET_CYCLE: Entry = entry(
     &["write 1 in OP, wait, read, write 0; in 0x1C32 and 0x1C33"],
 );
 const DELAY_OUT: Entry = entry(
-    "Hardware delay from the acting event to Outputs Valid, u32 ns: the greatest where :07 is used.",
+    "Hardware delay from the acting event to Outputs Valid, u32 ns: the greatest where :07 is \
+         used.",
     &[],
     &[":03: must not be below"],
     &["nothing: it is read only; take it into account where outputs of several devices must act \
@@ -392,13 +449,12 @@ const EXTERNAL_ABSENT: Entry = entry(
     &["bring the other side up; until then the time stamps are not to be used"],
 );
 const EXTERNAL_STAMPS: Entry = entry(
-    "One half of a pair of time stamps of the same instant: 17 by this segment's system time, 18 by \
-     the other clock, u64 ns. Their difference is the offset between the clocks.",
+    "One half of a pair of time stamps of the same instant: 17 by this segment's system time, 18 \
+         by the other clock, u64 ns. Their difference is the offset between the clocks.",
     &[],
     &[":0F (15): the toggle, for a pair that belongs together"],
-    &[
-        "nothing: it is read only. The side that follows steers its reference clock by the difference",
-    ],
+    &["nothing: it is read only. The side that follows steers its reference clock by the \
+             difference"],
 );
 const EXTERNAL_CONTROL: Entry = entry(
     "How often the reference clock is to be written higher (above 0) or lower (below 0) than it \

@@ -175,11 +175,16 @@ pub(crate) struct Cycle {
     pub last_answered: usize,
     /// Since when none came back in operation, and the number of frames since.
     pub silence: Option<(Known<Duration>, u64)>,
-    /// The last frame of that silence.
+    /// The last frame of that silence, and when it left.
     last_silent: usize,
+    last_silent_at: Duration,
     /// Stretches of operation in which [`SILENT`] frames or more in a row did not come back, before
     /// some did again.
     pub outages: Vec<Outage>,
+    /// All of them, their frames, and the longest one.
+    pub outage_times: u64,
+    pub outage_frames: u64,
+    pub longest_outage: Option<Outage>,
     /// Frames with process data that did not come back in operation.
     pub unanswered: u64,
     /// When the last frame with process data left, and each time that [`PAUSE`] or more passed
@@ -198,7 +203,7 @@ pub(crate) struct Outage {
     /// The last one.
     pub last: usize,
     pub frames: u64,
-    /// From the first one to the next one that came back.
+    /// From the first one to the end of the last one's cycle.
     pub lasted: Duration,
 }
 
@@ -214,7 +219,11 @@ impl Cycle {
         if let Some(last) =
             self.last_at.replace(at).filter(|last| at.saturating_sub(*last) >= PAUSE)
         {
-            push_bounded(&mut self.pauses, (last, at));
+            // The last ones are those before an error.
+            if self.pauses.len() == MOST_STRETCHES {
+                self.pauses.remove(0);
+            }
+            self.pauses.push((last, at));
         }
         let place = self.place(access)?;
         let logical = &mut self.logical[place];
@@ -232,13 +241,13 @@ impl Cycle {
             self.estimated = false;
             self.round_trip = Rhythm::default();
             self.overtaken = Rhythm::default();
+            self.on_wire_ns = 0;
         }
         let begins = self.marker == Some(place);
         if access.wkc().is_some() {
             self.last_answered = access.frame;
-            self.end_silence(at);
         } else if operating && self.last_silent != access.frame {
-            self.last_silent = access.frame;
+            (self.last_silent, self.last_silent_at) = (access.frame, at);
             self.unanswered += 1;
             let since = Known { value: at, frame: access.frame };
             self.silence.get_or_insert((since, 0)).1 += 1;
@@ -253,14 +262,30 @@ impl Cycle {
         Some((place, begins))
     }
 
-    /// A frame came back.
-    fn end_silence(&mut self, at: Duration) {
+    /// A frame came back, whatever it had.
+    pub fn end_silence(&mut self) {
         let ended = self.silence.take().filter(|(_, frames)| *frames >= SILENT);
-        if let Some((since, frames)) = ended {
-            let last = self.last_silent;
-            let lasted = at.saturating_sub(since.value);
-            push_bounded(&mut self.outages, Outage { since, last, frames, lasted });
+        let Some((since, frames)) = ended else { return };
+        // The last of these frames has its cycle, too.
+        let between = self.last_silent_at.saturating_sub(since.value).as_nanos();
+        let lasted = between + between / u128::from(frames - 1);
+        let lasted = Duration::from_nanos(u64::try_from(lasted).unwrap_or(u64::MAX));
+        let outage = Outage { since, last: self.last_silent, frames, lasted };
+        self.outage_times += 1;
+        self.outage_frames += frames;
+        if self.longest_outage.is_none_or(|longest| longest.lasted < lasted) {
+            self.longest_outage = Some(outage);
         }
+        if self.outages.len() < MOST_STRETCHES {
+            self.outages.push(outage);
+        }
+    }
+
+    fn forget_outages(&mut self) {
+        self.outages.clear();
+        (self.outage_times, self.outage_frames, self.longest_outage) = (0, 0, None);
+        self.unanswered = 0;
+        self.on_wire_ns = 0;
     }
 
     /// Notes the beginning of a cycle by the frame that was just taken apart. `time`: the
@@ -330,8 +355,7 @@ impl Cycle {
     /// Operation begins: forgets the cycles and events before it.
     pub fn restart(&mut self) {
         self.silence = None;
-        self.outages.clear();
-        self.unanswered = 0;
+        self.forget_outages();
         self.rhythm = Rhythm::default();
         self.by_clock = Rhythm::default();
         self.estimated = false;
@@ -362,8 +386,7 @@ impl Cycle {
         self.round_trip = Rhythm::default();
         self.overtaken = Rhythm::default();
         self.answer = None;
-        self.outages.clear();
-        self.unanswered = 0;
+        self.forget_outages();
         self.pauses.clear();
         for logical in &mut self.logical {
             let usual = logical.usual();
@@ -400,12 +423,6 @@ impl Cycle {
             forgot: false,
         });
         Some(self.logical.len() - 1)
-    }
-}
-
-fn push_bounded<T>(list: &mut Vec<T>, one: T) {
-    if list.len() < MOST_STRETCHES {
-        list.push(one);
     }
 }
 

@@ -28,15 +28,15 @@ pub(crate) struct Device {
     pub states: States,
     pub mailbox: Mailbox,
     pub sync: SyncUnit,
-    /// Its system time as it was read last.
-    pub own_time: Option<Known<u64>>,
+    /// Its system time as it was read last, and when; `None` also after its clock was set.
+    pub own_time: Option<(u64, Duration)>,
     pub errors: Errors,
     pub differences: Differences,
     /// The last frame that addressed it alone.
     pub last: usize,
     /// Changes of its clock's offset or delay while it was in OP.
     pub clock_set: Log<ClockSet>,
-    /// Changes of its clock's offset or delay while SYNC0 was on, before it was in OP.
+    /// Changes of its clock's offset or delay before it was in OP.
     pub clock_set_early: Log<ClockSet>,
     /// Its process data were read or written by its address in operation, without an FMMU.
     pub by_address: bool,
@@ -57,6 +57,8 @@ pub(crate) struct ClockSet {
     pub address: u16,
     /// The change, ns; `None`: the value before is not in the capture.
     pub by_ns: Option<i64>,
+    /// Time since the last drift frame; `None`: there was none.
+    pub led: Option<Duration>,
 }
 
 /// A time in which a device did not answer.
@@ -79,6 +81,7 @@ impl Device {
         self.differences.worst = None;
         self.clock_set = Log::new(MOST_EVENTS);
         self.clock_set_early = Log::new(MOST_EVENTS);
+        self.mailbox.forget();
         self.silences = Log::new(MOST_EVENTS);
     }
 
@@ -90,12 +93,20 @@ impl Device {
     }
 
     /// Writes `data` to its registers from `first` on.
-    pub fn write(&mut self, first: u16, data: &[u8], frame: usize, at: Duration) {
+    /// `led`: time since the last drift frame.
+    pub fn write(
+        &mut self,
+        first: u16,
+        data: &[u8],
+        frame: usize,
+        at: Duration,
+        led: Option<Duration>,
+    ) {
         let of = [register::SYSTEM_TIME_OFFSET.address, register::SYSTEM_TIME_DELAY.address];
         let end = usize::from(first) + data.len();
         let meets = usize::from(of[0]) < end && first < of[1] + 4;
         let in_op = self.states.now().is_some_and(|now| now.state() == Ok(AlState::Op));
-        let before = (meets && (in_op || self.sync.is_on())).then(|| self.clock());
+        let before = meets.then(|| self.clock());
         self.image.write(first, data, frame);
         let Some(before) = before else { return };
         for ((address, before), now) in of.into_iter().zip(before).zip(self.clock()) {
@@ -103,7 +114,7 @@ impl Device {
             let by_ns = before.zip(now).map(|(before, now)| now.wrapping_sub(before));
             if written && by_ns != Some(0) {
                 let set = if in_op { &mut self.clock_set } else { &mut self.clock_set_early };
-                set.push(ClockSet { frame, at, address, by_ns });
+                set.push(ClockSet { frame, at, address, by_ns, led });
             }
         }
     }

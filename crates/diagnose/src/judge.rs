@@ -34,13 +34,13 @@ pub(crate) fn findings(observer: &Observer, tap: Tap, rulings: &[Held]) -> Vec<F
         }
         states(place, device, observer, &mut all);
         counters(place, device, &mut all);
-        mailbox(place, device, &mut all);
+        mailbox(place, device, observer, &mut all);
         sync_counters(place, device, &mut all);
     }
     asked_down(observer, &mut all);
     talkers(observer, &mut all);
     claims::judge(observer, rulings, &mut all);
-    consequences(&mut all);
+    consequences(observer.devices.at(0), &mut all);
     all.sort_by_key(|finding| {
         let place = finding.order.unwrap_or(finding.frame);
         // A device that is gone comes before the frames that were lost with it.
@@ -59,25 +59,30 @@ pub(crate) fn findings(observer: &Observer, tap: Tap, rulings: &[Held]) -> Vec<F
 /// counters fall and frames are lost at once, but the frame that shows the device itself comes some
 /// cycles later. Frames are also lost while a device restarts, whose share of the working counters
 /// is missing from then on.
-fn consequences(all: &mut [Finding]) {
+fn consequences(first: Option<usize>, all: &mut [Finding]) {
     let frames = |is: fn(&Kind) -> bool| -> Vec<usize> {
         all.iter().filter(|finding| is(&finding.kind)).map(|finding| finding.frame).collect()
     };
     let lost = frames(|kind| matches!(kind, Kind::FramesLost { .. }));
+    let none = frames(|kind| matches!(kind, Kind::NothingCameBack { .. }));
     let fell = frames(|kind| matches!(kind, Kind::WorkingCounter { .. }));
     let unnamed = all.iter().filter(|finding| finding.device.is_none());
     let unnamed = unnamed.filter(|finding| matches!(finding.kind, Kind::WorkingCounter { .. }));
     let unnamed: Vec<usize> = unnamed.map(|finding| finding.frame).collect();
     for finding in all.iter_mut().filter(|finding| finding.device.is_some()) {
         let effects = match finding.kind {
-            Kind::LeftOp { .. } | Kind::DevicesVanished { .. } | Kind::DeviceSilent {} => {
-                [&lost[..], &fell[..]]
+            // Where the first device is gone, nothing comes back, and that is the cause.
+            Kind::DevicesVanished { to: 1.., .. } if finding.device != first => {
+                [&lost[..], &fell[..], &none[..]]
             }
-            Kind::WorkingCounter { .. } => [&lost[..], &[]],
+            Kind::LeftOp { .. } | Kind::DevicesVanished { .. } | Kind::DeviceSilent {} => {
+                [&lost[..], &fell[..], &[]]
+            }
+            Kind::WorkingCounter { .. } => [&lost[..], &[], &[]],
             // Copying came too late before the first frame lay on the other side.
-            Kind::SyncPassed { .. } => [&fell[..], &[]],
+            Kind::SyncPassed { .. } => [&fell[..], &[], &[]],
             // Its state was read for the first time since OP was requested.
-            Kind::AlError { .. } => [&unnamed[..], &[]],
+            Kind::AlError { .. } => [&unnamed[..], &[], &[]],
             _ => continue,
         };
         // The last frame in which the device was in order is one of the further frames.
@@ -134,18 +139,26 @@ fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Find
     stayed_below(place, device, observer, all);
 }
 
-/// For how long, ns, no process data came between the request and the error that answered it; `None`:
-/// they came, or another thing than missing outputs or SYNC events is the error.
+/// For how long, ns, no process data came between the request and the error that answered it;
+/// `None`: they came, or another thing than missing outputs or SYNC events is the error.
 fn without_data(seen: &StateSeen, device: &Device, observer: &Observer) -> Option<u64> {
     seen.code.filter(|code| AWAITS_DATA.contains(&code.0))?;
     let asked = seen.asked?.frame;
     let asked = device.states.requests.kept.iter().rfind(|request| request.frame <= asked)?.at;
     let cycle = &observer.cycle;
-    let rest = (cycle.last_at.unwrap_or_default(), observer.last);
+    // Without any datagram in logical memory, process data may go by address.
+    let rest = (cycle.last_at?, observer.last);
     let pauses = cycle.pauses.iter().copied().chain([rest]);
-    let without = pauses.map(|(from, to)| to.min(seen.at).saturating_sub(from.max(asked)));
-    let longest = without.max().filter(|without| *without >= PATIENCE)?;
-    u64::try_from(longest.as_nanos()).ok()
+    let without = pauses.filter_map(|(from, to)| {
+        let without = to.min(seen.at).saturating_sub(from.max(asked));
+        let starts = from.saturating_sub(asked);
+        (without >= PATIENCE).then_some((without, starts))
+    });
+    let without: Vec<_> = without.collect();
+    // Several are a slow cycle, and what stops later than on the way to OP is another thing.
+    let [(without, starts)] = without[..] else { return None };
+    let without = Some(without).filter(|_| !device.by_address && starts <= WAY_UP)?;
+    u64::try_from(without.as_nanos()).ok()
 }
 
 /// A device that was asked for OP some time before the end, was looked at since, and never was
@@ -260,7 +273,7 @@ fn counters(place: usize, device: &Device, all: &mut Vec<Finding>) {
     }
 }
 
-fn mailbox(place: usize, device: &Device, all: &mut Vec<Finding>) {
+fn mailbox(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let mailbox = &device.mailbox;
     if let Some(first) = mailbox.aborts.kept.first() {
         let kind = Kind::SdoAborted {
@@ -279,9 +292,9 @@ fn mailbox(place: usize, device: &Device, all: &mut Vec<Finding>) {
     }
     if let Some(first) = mailbox.early.kept.first() {
         let kind = Kind::MailboxEarly { object: first.value, count: mailbox.early.count };
-        all.push(Finding::new(kind, Some(place), first.frame));
+        all.push(Finding::new(kind, Some(place), first.frame).likely());
     }
-    if let Some(stalled) = mailbox.stalled() {
+    if let Some(stalled) = mailbox.stalled(observer.last) {
         let for_ns = u64::try_from(stalled.took.as_nanos()).unwrap_or(u64::MAX);
         let kind = Kind::MailboxStalled { object: stalled.object, for_ns };
         all.push(Finding::new(kind, Some(place), stalled.frame));
@@ -372,6 +385,8 @@ pub(crate) const PATIENCE: Duration = Duration::from_millis(500);
 /// AL status codes of a device that missed outputs or the events with them: synchronization error,
 /// watchdog, fatal synchronization error, no synchronization error.
 const AWAITS_DATA: [u16; 4] = [0x001A, 0x001B, 0x002C, 0x002D];
+/// Time after the request of OP in which process data stop that were to lead a device there.
+const WAY_UP: Duration = Duration::from_millis(100);
 /// How long process data may go on when all devices were asked to leave OP, as programs end.
 const WAY_DOWN: Duration = Duration::from_secs(1);
 /// How often the source of frames must change to a talker before it counts as talking at the same

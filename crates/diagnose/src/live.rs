@@ -187,6 +187,7 @@ fn symptom(kind: &Kind) -> Symptom {
         | Kind::AlError { .. }
         | Kind::DevicesVanished { .. }
         | Kind::StayedBelow { .. }
+        | Kind::OpWithoutData { .. }
         | Kind::DeviceSilent {}
         | Kind::Breached(Breach::NotOperated { .. }) => Symptom::State,
         Kind::FramesLost { .. }

@@ -132,8 +132,10 @@ impl Mailbox {
             return;
         }
         if access.ado() < PROCESS_RAM {
-            let managers = register::sync_manager(0).address..register::sync_manager(2).address;
-            let looks = matches!(access.command, Aprd | Fprd) && managers.contains(&access.ado());
+            // The status of SM1 says whether an answer is there.
+            let status = register::sync_manager(1).address + STATUS;
+            let reads = matches!(access.command, Aprd | Fprd) && access.taken() == Some(true);
+            let looks = reads && access.covers(status, 1);
             if let Some(pending) = self.pending.as_mut().filter(|_| looks) {
                 pending.looks += 1;
                 pending.looked_at = at;
@@ -214,6 +216,7 @@ impl Mailbox {
         self.messages.entry(header.protocol.0).or_default()[1] += 1;
         let behind = &data[mailbox::HEADER_LEN..];
         if header.protocol == Protocol::ERROR {
+            self.pending = None;
             if let Some(detail) = behind.first_chunk().map(ErrorDetail::parse) {
                 self.errors.push(Known { value: detail, frame });
             }
@@ -250,13 +253,25 @@ impl Mailbox {
         }
     }
 
+    /// The device was asked for INIT, where no mailbox answers.
+    pub fn close(&mut self) {
+        self.pending = None;
+    }
+
+    /// Forgets the events so far.
+    pub fn forget(&mut self) {
+        self.early = Log::new(64);
+        self.slowest = None;
+    }
+
     /// The request that nothing answers, though the MainDevice looked for the answer again and
-    /// again; how long it did so.
-    pub fn stalled(&self) -> Option<Taken> {
-        let pending = self.pending.as_ref().filter(|pending| pending.looks >= LOOKS)?;
+    /// again, until it gave up; how long it did so. `last`: the end of the capture.
+    pub fn stalled(&self, last: Duration) -> Option<Taken> {
+        let pending = self.pending.as_ref().filter(|one| one.looks >= LOOKS && !one.in_init)?;
         let took = pending.looked_at.saturating_sub(pending.at);
+        let gave_up = last.saturating_sub(pending.looked_at) >= GIVEN_UP || took >= PATIENT;
         let stalled = Taken { object: pending.object, frame: pending.frame, took };
-        Some(stalled).filter(|_| took >= STALLED)
+        Some(stalled).filter(|_| took >= STALLED && gave_up)
     }
 
     fn answer(&mut self, body: &[u8], frame: usize) {
@@ -372,6 +387,12 @@ fn fits(data: &[u8]) -> bool {
 const LATE: Duration = Duration::from_millis(100);
 /// How long, and how often at least, a MainDevice looks for an answer that does not come.
 const STALLED: Duration = Duration::from_secs(1);
+/// Time without a look at the end, or with looks in all, after which none is to come: storing
+/// parameters takes some seconds.
+const GIVEN_UP: Duration = Duration::from_millis(500);
+const PATIENT: Duration = Duration::from_secs(10);
+/// From the first register of a SyncManager to its status.
+const STATUS: u16 = 5;
 const LOOKS: u64 = 8;
 /// Bytes of an entry that are kept.
 const MOST_BYTES: usize = 64;

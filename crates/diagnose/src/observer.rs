@@ -151,6 +151,9 @@ impl Observer {
         let (mut is_cyclic, mut logical) = (false, Vec::new());
         let (mut has_drift, mut is_back) = (false, false);
         let operation = self.operation;
+        if exchange.answer.is_some() {
+            self.cycle.end_silence();
+        }
         for access in accesses(exchange, tap, self.reach_now) {
             if let Some(passed) = access.passed {
                 self.reached(passed, access.frame, at);
@@ -415,12 +418,20 @@ impl Observer {
         }
         let written = access.written().filter(|_| access.taken() != Some(false));
         if let Some(data) = written {
-            device.write(first, data, access.frame, at);
+            let led = self.drift.last.map(|last| at.saturating_sub(last.value));
+            device.write(first, data, access.frame, at, led);
             if access.covers(register::SYSTEM_TIME_OFFSET.address, 4) {
                 self.drift.set();
             }
+            let clock = [register::SYSTEM_TIME_OFFSET.address, register::SYSTEM_TIME_DELAY.address];
+            if clock.into_iter().any(|address| access.covers(address, 4)) {
+                device.own_time = None;
+            }
             if let Some(control) = low_and_high(first, data, register::AL_CONTROL.address) {
                 device.states.ask(access.frame, at, AlControl(control));
+                if AlControl(control).state() == Ok(AlState::Init) {
+                    device.mailbox.close();
+                }
             }
         }
         // The answer of several devices is the OR of all of them.
@@ -434,7 +445,7 @@ impl Observer {
             && let Some(bytes) = part::<8>(first, data, register::SYSTEM_TIME.address)
         {
             let value = u64::from_le_bytes(bytes);
-            device.own_time = Some(Known { value, frame: access.frame });
+            device.own_time = Some((value, at));
         }
         if written.is_some() || read.is_some() {
             device.sii.access(access);
@@ -582,8 +593,8 @@ const MAPPING: Range<u16> = 0x0600..0x0900;
 const FMMUS_END: u16 = 0x0700;
 /// From the end of a frame to the next one's first bit behind its preamble, ns.
 const GAP_NS: u64 = 1_600;
-/// What a device and the cable to it take of a frame at most, out and back, ns: some 600 ns, and 100
-/// m of copper.
+/// What a device and the cable to it take of a frame at most, out and back, ns: some 600 ns, and
+/// 100 m of copper.
 const PASSED_NS: u64 = 2_000;
 /// Frames that would wait for the wire for longer were not sent together, ns.
 const MOST_QUEUED_NS: u64 = 5_000_000;

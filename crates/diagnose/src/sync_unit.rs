@@ -28,8 +28,8 @@ pub(crate) struct Switched {
     pub now: Option<Known<u64>>,
     /// Time between that reading and this write, by the stamps of the capture.
     pub since: Duration,
-    /// The device's own system time as it was last read before the write.
-    pub own: Option<Known<u64>>,
+    /// The device's own system time then, as it was read shortly before.
+    pub own: Option<u64>,
 }
 
 impl Switched {
@@ -94,7 +94,7 @@ impl SyncUnit {
         at: Duration,
         image: &Image,
         now: Option<(Known<u64>, Duration)>,
-        own: Option<Known<u64>>,
+        own: Option<(u64, Duration)>,
     ) {
         let start = register::SYNC_START_TIME.address;
         if access.written().is_some() && access.taken() != Some(false) && access.covers(start, 4) {
@@ -118,7 +118,7 @@ impl SyncUnit {
         activation: SyncActivation,
         image: &Image,
         now: Option<(Known<u64>, Duration)>,
-        own: Option<Known<u64>>,
+        own: Option<(u64, Duration)>,
     ) {
         let control = image.latest(register::CYCLIC_UNIT_CONTROL).map_or(0, |known| known.value);
         let switched = Switched {
@@ -129,7 +129,10 @@ impl SyncUnit {
             sync1_cycle: image.written(register::SYNC1_CYCLE),
             start: self.start(image),
             now: now.map(|(now, _)| now),
-            own,
+            own: own.and_then(|(own, then)| {
+                let since = at.checked_sub(then).filter(|since| *since <= SHORTLY)?;
+                Some(own.wrapping_add(since.as_nanos() as u64))
+            }),
             since: now.map_or(Duration::ZERO, |(_, then)| at.saturating_sub(then)),
         };
         self.switched.push(switched);
@@ -196,3 +199,6 @@ impl SyncUnit {
         self.last.is_some_and(|last| last.makes_sync0())
     }
 }
+
+/// Time for which stamps continue a clock's reading.
+const SHORTLY: Duration = Duration::from_secs(1);

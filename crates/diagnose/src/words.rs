@@ -230,7 +230,7 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
             more(*count, "of these")
         ),
         Kind::MailboxEarly { object, count } => format!(
-            "{subject}: the request for {object} was sent before PREOP, in INIT, where no mailbox answers: it had no answer in time{}",
+            "{subject}: the request for {object} was sent before PREOP was read (INIT was the last state), and had no answer in time{}",
             more(*count, "of these")
         ),
         Kind::MailboxStalled { object, for_ns } => format!(

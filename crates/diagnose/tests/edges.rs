@@ -310,6 +310,9 @@ impl Setup {
         wire.read(0x0984, &[0]);
         wire.write(0x0120, &[4, 0]);
         wire.read(0x0130, &[4, 0, 0, 0, 0, 0]);
+        if self.refused.is_some() {
+            wire.cycle(self.start, self.led);
+        }
         let asked = wire.micros;
         wire.write(0x0120, &[8, 0]);
         if let Some((after, code)) = self.refused {
@@ -460,7 +463,8 @@ fn start_time() {
     let of = |start| Setup { start, ..Setup::default() };
     edge(of(NOW), of(NOW - 1), "start-in-past");
     // By its own clock it has passed as well, or it is to come.
-    let own = |own| Setup { own_time: Some(own), ..of(NOW - 1) };
+    // Four frames of 40 us lie between the reading of the reference's clock and that of its own.
+    let own = |own| Setup { own_time: Some(own + 160_000), ..of(NOW - 1) };
     assert_eq!(own(NOW - 1).found(), ["start-in-past"]);
     assert_eq!(own(NOW - 2).found(), ["clock-far"]);
 }
@@ -598,8 +602,10 @@ fn op_is_refused_for_want_of_process_data() {
 fn mailboxes() {
     let early = |after| Setup { early_us: Some(after), ..Setup::default() };
     edge(early(99_999), early(100_000), "mailbox-early");
-    let of = |looked_for| Setup { looked_for, cycles: 1_100, ..Setup::default() };
+    let of = |looked_for| Setup { looked_for, cycles: 1_600, ..Setup::default() };
     edge(of(7), of(8), "mailbox-stalled");
+    let goes_on = Setup { cycles: 1_400, ..of(8) };
+    assert_eq!(goes_on.found(), [""; 0], "more looks may follow");
     let took = |setup: &Setup| {
         let device = setup.report().devices.swap_remove(0);
         device.mailbox.and_then(|mailbox| mailbox.slowest).map(|slowest| slowest.took_ns)
@@ -617,8 +623,9 @@ fn outages() {
     assert_eq!(of(60..68).found(), ["nothing-came-back"], "{}", report.text());
     let said = &report.findings[0].what;
     assert!(said.contains("for 8 ms: 8 cyclic frames in a row"), "{said}");
-    // To the end it is another thing.
-    assert_eq!(of(60..100).found(), ["silent-to-the-end"]);
+    // To the end it is another thing, and a frame that comes back ends it, whatever it has.
+    assert_eq!(of(71..100).found(), ["silent-to-the-end"]);
+    assert_eq!(of(67..75).found(), ["frames-lost"], "states are read after cycle 70");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use isocat_wire::fmmu::Fmmu;
 use isocat_wire::{Command, register};
 
 use super::MOST_FRAMES;
-use crate::cycle::{Logical, Outage, Rhythm, SILENT};
+use crate::cycle::{Logical, Rhythm, SILENT};
 use crate::device::{Device, Silence};
 use crate::finding::{Finding, Kind, Which};
 use crate::observer::Observer;
@@ -158,25 +158,28 @@ pub(crate) fn share(logical: &Logical, device: &Device) -> u16 {
     }
 }
 
-/// Outages, if they took most of the frames that did not come back: single losses may lie in a row
+/// Frames that did not come back one by one: not in an outage, and not at the end.
+fn single(observer: &Observer) -> u64 {
+    let cycle = &observer.cycle;
+    let silent = cycle.silence.map_or(0, |(_, frames)| frames);
+    cycle.unanswered.saturating_sub(cycle.outage_frames + silent)
+}
+
+/// Whether outages took most of the frames that did not come back: single losses may lie in a row
 /// by chance.
-fn outages(observer: &Observer) -> &[Outage] {
-    let outages = &observer.cycle.outages;
-    let silent = observer.cycle.silence.map_or(0, |(_, frames)| frames);
-    let frames: u64 = outages.iter().map(|outage| outage.frames).sum();
-    let single = observer.cycle.unanswered.saturating_sub(frames + silent);
-    if frames > single { outages } else { &[] }
+fn has_outages(observer: &Observer) -> bool {
+    observer.cycle.outage_frames > single(observer)
 }
 
 /// Finds stretches in which nothing came back, though it did before and behind.
 fn stopped(observer: &Observer, all: &mut Vec<Finding>) {
-    let outages = outages(observer);
-    let Some(longest) = outages.iter().max_by_key(|outage| outage.lasted) else { return };
-    let first = outages[0].since;
+    let cycle = &observer.cycle;
+    let Some(longest) = cycle.longest_outage.filter(|_| has_outages(observer)) else { return };
+    let first = cycle.outages.first().unwrap_or(&longest).since;
     let for_ns = u64::try_from(longest.lasted.as_nanos()).unwrap_or(u64::MAX);
-    let times = outages.len() as u64;
-    let kind = Kind::NothingCameBack { times, frames: longest.frames, for_ns };
-    let more = outages.iter().flat_map(|outage| [outage.since.frame, outage.last]);
+    let (times, frames) = (cycle.outage_times, longest.frames);
+    let kind = Kind::NothingCameBack { times, frames, for_ns };
+    let more = cycle.outages.iter().flat_map(|outage| [outage.since.frame, outage.last]);
     let more = more.filter(|frame| *frame != first.frame).take(MOST_FRAMES);
     all.push(Finding::new(kind, None, first.frame).at(first.value).with(more));
 }
@@ -185,7 +188,7 @@ fn stopped(observer: &Observer, all: &mut Vec<Finding>) {
 /// outage are another finding, and frames after the last answer do not count: theirs may come after
 /// the end of the capture.
 fn lost(observer: &Observer, all: &mut Vec<Finding>) {
-    let outages = outages(observer);
+    let outages = if has_outages(observer) { &observer.cycle.outages[..] } else { &[] };
     let outage =
         |frame: usize| outages.iter().any(|one| (one.since.frame..=one.last).contains(&frame));
     let mut frames: Vec<_> = observer
@@ -202,12 +205,15 @@ fn lost(observer: &Observer, all: &mut Vec<Finding>) {
     let Some((first, at)) = frames.first().copied() else { return };
     let logs = observer.cycle.logical.iter().map(|logical| &logical.lost);
     let left_off = logs.chain([&observer.drift_lost]).any(|log| log.left_off() > 0);
-    let silent = observer.cycle.silence.map_or(0, |(_, frames)| frames);
-    let known: u64 = outages.iter().map(|outage| outage.frames).sum::<u64>() + silent;
-    let count = match left_off {
-        true => observer.cycle.unanswered.saturating_sub(known).max(frames.len() as u64),
-        false => frames.len() as u64,
+    let kept_all = (outages.len() as u64) == observer.cycle.outage_times || outages.is_empty();
+    let count = match has_outages(observer) {
+        true if left_off || !kept_all => single(observer),
+        false if left_off => single(observer) + observer.cycle.outage_frames,
+        _ => frames.len() as u64,
     };
+    if count == 0 {
+        return;
+    }
     let kind = Kind::FramesLost { count };
     let more = frames.iter().map(|(frame, _)| *frame).take(MOST_FRAMES);
     all.push(Finding::new(kind, None, first).at(at).with(more).likely());

@@ -118,10 +118,12 @@ fn started(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Fin
 /// By how much the clock of a device was ahead of the reference's `now` when SYNC0 was switched on,
 /// ns: as its own time was read shortly before, or as its offset set it.
 fn ahead(device: &Device, observer: &Observer, switched: &Switched, now: u64) -> Option<i64> {
-    let own = switched.own.filter(|own| switched.frame.saturating_sub(own.frame) <= SHORTLY);
     // A clock of 32 bits has nothing in the upper half.
-    match own.filter(|own| own.value > u32::MAX.into() || evidence::is_wide(device)) {
-        Some(own) => Some(own.value.wrapping_sub(now).cast_signed()),
+    match switched.own.filter(|own| *own > u32::MAX.into() || evidence::is_wide(device)) {
+        Some(own) => {
+            let now = now.wrapping_add(switched.since.as_nanos() as u64);
+            Some(own.wrapping_sub(now).cast_signed())
+        }
         None => evidence::ahead_when_set(observer, device),
     }
 }
@@ -131,7 +133,8 @@ fn other_delay(place: usize, device: &Device, observer: &Observer, all: &mut Vec
     let Some(last) = device.sync.last.filter(|last| last.makes_sync0()) else { return };
     let Some(over) = evidence::delay_error(observer, device) else { return };
     let written = device.image.written(register::SYSTEM_TIME_DELAY);
-    if let Some(written) = written.filter(|_| over.unsigned_abs() > APART_NS.into()) {
+    let limit = u64::from(APART_NS) + DIFFER_NS * u64::from(device.position.unwrap_or_default());
+    if let Some(written) = written.filter(|_| over.unsigned_abs() > limit) {
         let measured_ns = i64::from(written.value) - over;
         let kind = Kind::OtherDelay { written_ns: written.value, measured_ns };
         all.push(Finding::new(kind, Some(place), written.frame).with([last.frame]));
@@ -236,22 +239,40 @@ fn clock_set(place: usize, device: &Device, observer: &Observer, all: &mut Vec<F
     all.push(finding.with(set.map(|more| more.frame).take(MOST_FRAMES)));
 }
 
-/// A clock that was set anew on a second way up, while SYNC0 ran from the first and stayed as it was:
-/// SYNC0 has moved with it. What the reference was set by is no difference between devices.
+/// A clock that was set anew on a second way up, while it was led and SYNC0 ran from the first one
+/// and stayed as it was: SYNC0 has moved with it. What the reference was set by is no difference
+/// between devices.
 fn clock_set_early(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
-    let last = device.sync.last.map_or(0, |last| last.frame);
+    let Some(last) = device.sync.last.filter(|last| last.makes_sync0()) else { return };
     let changes = |of: usize| {
         let kept = &observer.devices.list[of].clock_set_early.kept;
-        kept.iter().filter(|set| set.frame > last)
+        kept.iter().filter(|set| set.frame > last.frame)
     };
-    let sum = |of| changes(of).filter_map(|set| set.by_ns).fold(0_i64, i64::saturating_add);
-    let by_ns = sum(place).saturating_sub(reference(observer).map_or(0, sum));
     let Some(first) = changes(place).next() else { return };
+    // After a pause clocks are apart, and setting them puts them right; a device that was away has
+    // its SYNC unit as it is after power-on.
+    let is_led = changes(place).all(|set| set.led.is_some_and(|led| led <= TOGETHER));
+    let was_there = device.silences.kept.iter().all(|silence| silence.frame < last.frame);
     let operated = device.states.op.is_some() && device.states.last_op > first.frame;
-    let known = changes(place).all(|set| set.by_ns.is_some());
-    if known && operated && by_ns.unsigned_abs() > APART_NS.into() {
+    if !is_led || !was_there || !operated {
+        return;
+    }
+    let leads = reference(observer).filter(|leads| *leads != place);
+    let all_changes = || changes(place).chain(leads.into_iter().flat_map(changes));
+    if all_changes().any(|set| set.by_ns.is_none()) {
+        return;
+    }
+    let sum = |of| changes(of).filter_map(|set| set.by_ns).fold(0_i64, i64::wrapping_add);
+    let by_ns = sum(place).wrapping_sub(leads.map_or(0, sum));
+    let is_wide = [Some(place), leads]
+        .into_iter()
+        .flatten()
+        .all(|of| evidence::is_wide(&observer.devices.list[of]));
+    // A clock of 32 bits has the lower half alone.
+    let by_ns = if is_wide { by_ns } else { i64::from(by_ns as i32) };
+    if by_ns.unsigned_abs() > APART_NS.into() {
         let kind = Kind::ClockSetEarly { address: first.address, by_ns };
-        all.push(Finding::new(kind, Some(place), first.frame).at(first.at).with([last]));
+        all.push(Finding::new(kind, Some(place), first.frame).at(first.at).with([last.frame]));
     }
 }
 
@@ -431,8 +452,11 @@ pub(crate) const LEAST_CYCLES: u64 = 20;
 const MISMATCH: u64 = 20;
 /// Difference from the reference clock above which it is reported, ns.
 pub(crate) const APART_NS: u32 = 1_000;
-/// Frames between a reading of a clock and what is decided by it.
-const SHORTLY: usize = 200;
+/// Time since the last drift frame up to which clocks are still together.
+const TOGETHER: Duration = Duration::from_millis(100);
+/// How many ns MainDevices differ by in the delay of each further device: what a chip takes more on
+/// the way out than on the way back is left out by some.
+const DIFFER_NS: u64 = 40;
 /// Pause of drift frames above which it is reported, ns: clocks of 50 ppm drift apart by 5 us in
 /// it.
 const DRIFT_PAUSE_NS: u64 = 100_000_000;

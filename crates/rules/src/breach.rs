@@ -129,11 +129,13 @@ kinds! {
             /// Time after which they have moved by half of a cycle.
             half_cycle_after: Nanos,
         },
-        /// The program sent frames though it had not taken the answers to those before: it works
-        /// with the inputs of an earlier cycle.
+        /// The program sent some frames though it had not taken the answers to those before: it
+        /// works with the inputs of this cycle at times, and at times with those of the last one.
         AnswersUntaken = "answers-untaken" {
             /// Frames that left so.
             frames: u64,
+            /// All frames of these kinds.
+            of: u64,
         },
         /// More than one MainDevice sent frames at the same time.
         SeveralTalkers = "several-talkers" {

@@ -19,9 +19,10 @@ pub struct Evidence {
     pub slide: Option<Slide>,
     /// Senders of frames that took turns, with the number of frames of each.
     pub talkers: Option<Vec<u64>>,
-    /// Frames that left though the answer to the last one of their kind had come and the program had
-    /// not taken it; `None` also where no program's sockets can be seen.
-    pub untaken: Option<u64>,
+    /// Frames that left though the answer to the last one of their kind had come and the program
+    /// had not taken it, and all frames of these kinds; `None` also where no program's sockets can
+    /// be seen.
+    pub untaken: Option<[u64; 2]>,
     /// By position.
     pub devices: Vec<DeviceEvidence>,
 }

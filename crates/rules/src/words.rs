@@ -163,9 +163,9 @@ fn said(breach: &Breach) -> String {
                 time((*half_cycle_after).into())
             )
         }
-        Breach::AnswersUntaken { frames } => format!(
-            "the program sent {frames} frames without having taken the answer to the one before: it did not wait for it, and takes inputs \
-             of the cycle before for new ones"
+        Breach::AnswersUntaken { frames, of } => format!(
+            "the program sent {frames} of {of} frames without having taken the answer to the one before, and not the others: at times it \
+             takes inputs of the cycle before for new ones"
         ),
         Breach::SeveralTalkers { frames } => {
             format!("more than one MainDevice sends on this wire: {frames} frames are of another one")

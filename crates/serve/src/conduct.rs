@@ -83,8 +83,8 @@ pub struct CycleConduct {
     /// Number of drift datagrams in this exchange.
     pub drift: u64,
     /// Number of frames that left though the answer to the last one of their kind had come and was
-    /// not taken; `None`: nobody sees the program's sockets.
-    pub untaken: Option<u64>,
+    /// not taken, and of all of these kinds; `None`: nobody sees the program's sockets.
+    pub untaken: Option<[u64; 2]>,
 }
 
 /// The kind of a frame, for the segment's own records.

@@ -363,11 +363,13 @@ impl Server {
         self.served.link(port, up);
     }
 
-    /// Notes that a program whose sockets can be seen is about to send a frame, and whether it has
-    /// not taken the answer to the last one of its kind, though that has come.
+    /// Notes that a program whose sockets can be seen is about to send a frame of its cycle, and
+    /// whether it has not taken the answer to the last one of its kind, though that has come.
     pub fn about_to_send(&mut self, has_untaken: bool) {
         if let Some(session) = &mut self.session {
-            *session.conduct.cycle.untaken.get_or_insert(0) += u64::from(has_untaken);
+            let [untaken, sent] = session.conduct.cycle.untaken.get_or_insert_default();
+            *untaken += u64::from(has_untaken);
+            *sent += 1;
         }
     }
 

@@ -27,8 +27,9 @@ pub trait Wire {
         answers: &mut Vec<WireAnswer>,
     );
 
-    /// Notes that the program is about to send a frame, and whether the answer to the last one of
-    /// its kind lies in its socket and was not taken.
+    /// Notes that the program is about to send a frame with process data or the reference's time by
+    /// a socket from which it takes frames, and whether the answer to the last one of its kind lies
+    /// there and was not taken.
     fn about_to_send(&mut self, has_untaken: bool) {
         let _ = has_untaken;
     }

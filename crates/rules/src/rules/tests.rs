@@ -76,7 +76,7 @@ fn evidence() -> Evidence {
         longest_drift_gap: Some(CYCLE),
         slide: Some(Slide { per_second: Nanos(0), uncertainty: Nanos(100) }),
         talkers: Some(vec![4_000]),
-        untaken: Some(0),
+        untaken: Some([0, 1_000]),
         devices: vec![drive(0), drive(48), io],
     }
 }
@@ -101,9 +101,9 @@ fn a_segment_as_it_was_meant_keeps_every_claim() {
     let ruling = with(|_| {});
     assert_eq!((ruling.breached, ruling.unchecked), (vec![], vec![]));
     // Three states, two modes, two starts, two cycles, two shifts, one pair in phase, cycle, phase,
-    // sender and answers of the frames, time, three times data, five directions, those of two drives in
-    // each cycle and over which time they interpolate, five ranges, two watchdogs and their times,
-    // three clocks that are kept.
+    // sender and answers of the frames, time, three times data, five directions, those of two
+    // drives in each cycle and over which time they interpolate, five ranges, two watchdogs and
+    // their times, three clocks that are kept.
     assert_eq!(ruling.checked, 3 + 2 + 2 + 2 + 2 + 1 + 4 + 1 + 3 + 5 + 4 + 2 + 5 + 2 + 2 + 3);
 }
 
@@ -337,9 +337,12 @@ fn one_main_device_sends() {
 
 #[test]
 fn answers_are_taken() {
-    let untaken = |frames: u64| breaches(|evidence| evidence.untaken = Some(frames));
-    let breach = Breach::AnswersUntaken { frames: 8 };
-    assert_eq!((untaken(7), untaken(8)), (vec![], of(None, breach)));
+    let untaken = |frames, sent| breaches(|evidence| evidence.untaken = Some([frames, sent]));
+    let breach = |frames, sent| of(None, Breach::AnswersUntaken { frames, of: sent });
+    assert_eq!((untaken(7, 500), untaken(8, 500)), (vec![], breach(8, 500)));
+    assert_eq!((untaken(19, 2_000), untaken(20, 2_000)), (vec![], breach(20, 2_000)));
+    // A program that always sends first knows how old its inputs are.
+    assert_eq!((untaken(493, 500), untaken(492, 500)), (vec![], breach(492, 500)));
 }
 
 #[test]

@@ -246,14 +246,6 @@ impl Objects {
         readiness
     }
 
-    /// Whether an answer to a frame of the same kind waits in a packet socket.
-    pub fn has_untaken(&self, frame: &[u8]) -> bool {
-        self.slots.iter().flatten().any(|object| match &object.kind {
-            Kind::Packet(socket) => socket.has_untaken(frame),
-            _ => false,
-        })
-    }
-
     /// The objects whose changes a wait on this one must see: itself, and the members of a set.
     pub fn watched(&self, id: ObjectId) -> Vec<ObjectId> {
         let mut all = vec![id];

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::rc::Rc;
 
+use isocat_wire::Command;
 use isocat_wire::time::{Host, Time};
 
 /// The frames that a socket accepts.
@@ -79,8 +80,9 @@ impl PacketSocket {
 
     /// Takes the oldest frame.
     pub fn take(&mut self) -> Option<Arrived> {
-        self.is_read = true;
-        self.waiting.pop_front()
+        let taken = self.waiting.pop_front();
+        self.is_read |= taken.is_some();
+        taken
     }
 
     /// The oldest frame, without taking it.
@@ -88,11 +90,11 @@ impl PacketSocket {
         self.waiting.front()
     }
 
-    /// Whether an answer to a frame of the same kind as `frame` waits here, where frames are taken.
-    pub fn has_untaken(&self, frame: &[u8]) -> bool {
-        let wanted = kind(frame);
-        let is_one = |arrived: &Arrived| kind(&arrived.bytes) == wanted;
-        self.is_read && wanted.is_some() && self.waiting.iter().any(is_one)
+    /// Whether an answer to a frame of the same kind as `frame` waits here. `None`: frames are never
+    /// taken from this socket, or it is no frame of the cyclic exchange.
+    pub fn has_untaken(&self, frame: &[u8]) -> Option<bool> {
+        let wanted = kind(frame).filter(|_| self.is_read)?;
+        Some(self.waiting.iter().any(|arrived| kind(&arrived.bytes) == Some(wanted)))
     }
 
     /// Whether a receive would return a frame.
@@ -106,15 +108,17 @@ impl PacketSocket {
     }
 }
 
-/// What two EtherCAT frames of one kind have in common: the first datagram's command, its address
-/// within a SubDevice or in logical memory, and its length.
+/// What two EtherCAT frames of the cyclic exchange that are of one kind have in common: the first
+/// datagram's command, its address within a SubDevice or in logical memory, and its length.
 fn kind(frame: &[u8]) -> Option<(u8, [u8; 4], [u8; 2])> {
     let ether_cat = frame.get(12..14)? == isocat_wire::frame::ETHERTYPE.to_be_bytes();
     let [command, _, mut address @ .., low, high] = *frame.get(16..)?.first_chunk::<8>()?;
-    // Devices count in the first half of an address by position.
-    let counts = isocat_wire::Command::try_from(command).is_ok_and(|one| one.increments_position());
-    if counts {
-        address[..2].fill(0);
+    match Command::try_from(command).ok()? {
+        command if command.is_logical() => {}
+        Command::Frmw => {}
+        // Devices count in the first half of an address by position.
+        Command::Armw => address[..2].fill(0),
+        _ => return None,
     }
     // Beside the length there are flags that differ on the way back.
     ether_cat.then_some((command, address, [low, high & 0x07]))
@@ -156,22 +160,24 @@ mod tests {
         };
         let mut socket = PacketSocket::new(Protocol::All, false);
         let sent = of(12, 0x10_0000, 14, 7, 0);
+        let untaken = |socket: &PacketSocket| socket.has_untaken(&sent.bytes);
+        assert!(socket.take().is_none());
         socket.offer(&of(12, 0x10_0000, 14, 6, 0x40));
-        assert!(!socket.has_untaken(&sent.bytes), "nothing was ever taken from this socket");
+        assert_eq!(untaken(&socket), None, "nothing was ever taken from this socket");
         socket.take();
-        assert!(!socket.has_untaken(&sent.bytes));
-        // BRD of AL status: two devices have counted in the answer.
-        socket.offer(&of(7, 0x0130_0002, 2, 8, 0));
-        let broadcast = of(7, 0x0130_0000, 2, 9, 0);
-        assert!(!socket.has_untaken(&sent.bytes) && socket.has_untaken(&broadcast.bytes));
-        for other in
-            [of(11, 0x10_0000, 14, 6, 0), of(12, 0x11_0000, 14, 6, 0), of(12, 0x10_0000, 15, 6, 0)]
-        {
-            socket.offer(&other);
+        assert_eq!(untaken(&socket), Some(false));
+        for other in [(11, 0x10_0000, 14), (12, 0x11_0000, 14), (12, 0x10_0000, 15), (7, 0, 2)] {
+            socket.offer(&of(other.0, other.1, other.2, 6, 0));
         }
-        assert!(!socket.has_untaken(&sent.bytes) && !socket.has_untaken(&[0; 20]));
+        assert_eq!(untaken(&socket), Some(false));
         socket.offer(&of(12, 0x10_0000, 14, 6, 0x40));
-        assert!(socket.has_untaken(&sent.bytes));
+        assert_eq!(untaken(&socket), Some(true));
+        // The first device counts in the answer of ARMW. A state that is asked for is no cycle.
+        socket.offer(&of(13, 0x0910_0001, 8, 8, 0));
+        let of_kind =
+            |command, address, len| socket.has_untaken(&of(command, address, len, 9, 0).bytes);
+        assert_eq!(of_kind(13, 0x0910_0000, 8), Some(true));
+        assert_eq!((of_kind(7, 0, 2), socket.has_untaken(&[0; 20])), (None, None));
     }
 
     #[test]

@@ -293,6 +293,11 @@ impl Supervisor<'_> {
         if frame.len() < HEADER {
             return error(libc::EINVAL);
         }
+        if let Some(Kind::Packet(socket)) = self.objects.get(id)
+            && let Some(has_untaken) = socket.has_untaken(&frame)
+        {
+            self.wire.about_to_send(has_untaken);
+        }
         self.send_frame(interface, &frame);
         done(length as i64)
     }
@@ -305,8 +310,6 @@ impl Supervisor<'_> {
         let at = (self.now() + late).max(self.last_sent);
         self.last_sent = at;
         self.figures.sent += 1;
-        let has_untaken = self.objects.has_untaken(frame);
-        self.wire.about_to_send(has_untaken);
         let mut answers = Vec::new();
         self.wire.send(interface, at, frame, &mut answers);
         for mut answer in answers {

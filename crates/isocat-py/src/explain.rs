@@ -17,7 +17,7 @@ pub struct Explanation {
 #[pymethods]
 impl Explanation {
     /// Each meaning as a ``dict``: ``kind``, ``what``, ``name``, ``means``, ``value``, ``causes``,
-    /// ``read``, ``change``, and ``found``: "asked", or "line", "number", "word" of a line of a log.
+    /// ``read``, ``change``, and ``found``: "asked", or "line", "number", "word" of a log's line.
     #[getter]
     fn meanings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         value::document(py, &self.meanings)
@@ -48,7 +48,7 @@ impl Explanation {
 /// Parameters
 /// ----------
 /// what : int or str
-///     ``0x001A``, ``"0x1C32:0B"``, ``"AL 0x0030"``, ``"dc-sync0"``, ``"host.jitter"``, ``"No slaves found!"``.
+///     ``0x001A``, ``"0x1C32:0B"``, ``"AL 0x0030"``, ``"dc-sync0"``, ``"No slaves found!"``.
 ///
 /// Returns
 /// -------

@@ -165,7 +165,7 @@ fn said(breach: &Breach) -> String {
         }
         Breach::AnswersUntaken { frames, of } => format!(
             "the program sent {frames} of {of} frames without having taken the answer to the one before, and not the others: at times it \
-             takes inputs of the cycle before for new ones"
+             takes inputs of the cycle before for new ones; a longer time-out of its receive call lets it wait for them"
         ),
         Breach::SeveralTalkers { frames } => {
             format!("more than one MainDevice sends on this wire: {frames} frames are of another one")

@@ -1,6 +1,6 @@
-//! The meaning of codes, objects, registers, modes, symptoms and terms for an engineer who looks for a
-//! fault: in plain words, with the usual causes in order of likelihood, what to read next and what
-//! to change.
+//! The meaning of codes, objects, registers, modes, symptoms and terms for an engineer who looks
+//! for a fault: in plain words, with the usual causes in order of likelihood, what to read next and
+//! what to change.
 //!
 //! These are constant tables, one file for each kind. [`al_codes`], [`aborts`] and [`soe_codes`]
 //! have an entry for every code that the project's own SubDevice or MainDevice can send.

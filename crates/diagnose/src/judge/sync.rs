@@ -257,18 +257,16 @@ fn clock_set_early(place: usize, device: &Device, observer: &Observer, all: &mut
     if !is_led || !was_there || !operated {
         return;
     }
-    let leads = reference(observer).filter(|leads| *leads != place);
-    let all_changes = || changes(place).chain(leads.into_iter().flat_map(changes));
-    if all_changes().any(|set| set.by_ns.is_none()) {
+    let Some(leads) = reference(observer).filter(|leads| *leads != place) else { return };
+    let pair = [place, leads];
+    if pair.into_iter().flat_map(changes).any(|set| set.by_ns.is_none()) {
         return;
     }
-    let sum = |of| changes(of).filter_map(|set| set.by_ns).fold(0_i64, i64::wrapping_add);
-    let by_ns = sum(place).wrapping_sub(leads.map_or(0, sum));
-    let is_wide = [Some(place), leads]
-        .into_iter()
-        .flatten()
-        .all(|of| evidence::is_wide(&observer.devices.list[of]));
+    let [own, of_reference] =
+        pair.map(|of| changes(of).filter_map(|set| set.by_ns).fold(0_i64, i64::wrapping_add));
+    let by_ns = own.wrapping_sub(of_reference);
     // A clock of 32 bits has the lower half alone.
+    let is_wide = pair.into_iter().all(|of| evidence::is_wide(&observer.devices.list[of]));
     let by_ns = if is_wide { by_ns } else { i64::from(by_ns as i32) };
     if by_ns.unsigned_abs() > APART_NS.into() {
         let kind = Kind::ClockSetEarly { address: first.address, by_ns };

@@ -1,5 +1,6 @@
 //! `isocat explain`: the meaning of a code, an object, a register, a mode, a line of a log or a key
-//! of a file, from the data that the stack and the parsers use; and the schemas of files for editors.
+//! of a file, from the data that the stack and the parsers use; and the schemas of files for
+//! editors.
 
 use std::fmt::Write;
 

@@ -90,8 +90,8 @@ impl PacketSocket {
         self.waiting.front()
     }
 
-    /// Whether an answer to a frame of the same kind as `frame` waits here. `None`: frames are never
-    /// taken from this socket, or it is no frame of the cyclic exchange.
+    /// Whether an answer to a frame of the same kind as `frame` waits here. `None`: frames are
+    /// never taken from this socket, or it is no frame of the cyclic exchange.
     pub fn has_untaken(&self, frame: &[u8]) -> Option<bool> {
         let wanted = kind(frame).filter(|_| self.is_read)?;
         Some(self.waiting.iter().any(|arrived| kind(&arrived.bytes) == Some(wanted)))

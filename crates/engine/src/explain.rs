@@ -94,10 +94,24 @@ impl std::error::Error for Unknown {}
 /// `dc-sync0`, `input_shift`, or a line of a log. Returns at least one meaning, the likeliest
 /// first; of a line, the one that decides.
 pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
-    asked(what).or_else(|unknown| {
+    asked(&of_kind(what)).or_else(|unknown| {
         let meanings = if reads_as_line(what.trim()) { lines::meanings(what) } else { Vec::new() };
         if meanings.is_empty() { Err(unknown) } else { Ok(meanings) }
     })
+}
+
+/// A number behind the words of its kind, as reports print it (`AL status code 0x001A`), with the
+/// name of the kind; any other text as it is.
+fn of_kind(what: &str) -> std::borrow::Cow<'_, str> {
+    let what = what.trim();
+    for (words, kind) in [("al status code", "AL"), ("sdo abort code", "abort")] {
+        let rest = what.get(words.len()..).map(|rest| rest.trim_start_matches([' ', ':', '=']));
+        let begins = what.get(..words.len()).is_some_and(|text| text.eq_ignore_ascii_case(words));
+        if let Some(rest) = rest.filter(|rest| begins && number(rest).is_some()) {
+            return format!("{kind} {rest}").into();
+        }
+    }
+    what.into()
 }
 
 /// Whether a text that is not understood may be a line of a log: more than a number, an object or
@@ -174,7 +188,7 @@ fn asked(what: &str) -> Result<Vec<Meaning>, Unknown> {
             return unknown(format!("\"{text}\" is no number"), understood(None));
         }
     };
-    if place.contains(':') {
+    if place.contains(':') && !place.contains(' ') {
         let Some(address) = object_address(place) else {
             return unknown(
                 "is no object; expected an index and a sub-index".into(),

@@ -197,6 +197,21 @@ fn keys_in_each_of_their_places() {
 }
 
 #[test]
+fn numbers_behind_the_words_of_their_kind() {
+    for (text, kind, what) in [
+        ("AL status code 0x001A", "AL status code", "0x001A"),
+        ("AL status code: 001b", "AL status code", "0x001B"),
+        ("SDO abort code 0x06090011", "SDO abort code", "0x06090011"),
+    ] {
+        let meanings = explain(text).unwrap_or_else(|unknown| panic!("{unknown}"));
+        let first = &meanings[0];
+        assert_eq!((first.kind, &*first.what, first.found), (kind, what, Found::Asked), "{text}");
+    }
+    let unknown = explain("unit: 3 of nothing").expect_err("no line");
+    assert_eq!(unknown.reason, "is not understood");
+}
+
+#[test]
 fn symptoms_are_explained_by_any_of_their_names() {
     let kinds = |what: &str| -> Vec<_> {
         let meanings = explain(what).unwrap_or_else(|unknown| panic!("{unknown}"));

@@ -568,6 +568,25 @@ pub(super) static IN_OPERATION: Entry = entry(
     &["`isocat diagnose` of a capture, or `isocat run`: whether it is in sync, too"],
 );
 
+pub(super) static LEFT_OP: Entry = entry(
+    "A device left OP by itself: it makes its outputs safe, and its AL status code (0x0134) says why.",
+    &[
+        "it lost synchronization: frames late, early or missing against SYNC0 (0x001A, 0x002C)",
+        "no outputs came for the time of its watchdog (0x001B)",
+        "a fault of its own, which an emergency message or its display tells",
+        "after hours: clocks that drift apart, or a host that is held up now and then",
+    ],
+    &[
+        "0x0130 and 0x0134 of the device: `isocat explain 0x001A` explains a code",
+        "0x1C32:0B to :0D and :20, its counters",
+    ],
+    &[
+        "`isocat diagnose` of a capture that holds the moment says which frame was first",
+        "`isocat record` keeps the last seconds before it, however long that takes",
+        "remove the cause that the code names, acknowledge, ask for OP again",
+    ],
+);
+
 pub(super) static NOT_ALL_IN_STATE: Entry = entry(
     "At least one device did not reach the state. The list of states and AL status codes that \
          usually follows tells which one, and why.",

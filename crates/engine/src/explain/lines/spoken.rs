@@ -99,6 +99,22 @@ static LINES: &[Line] = &[
         ],
         &causes::STATE_REFUSED,
     ),
+    introduction(
+        &[
+            "left OP",
+            "leaves OP",
+            "loses OP",
+            "lost OP",
+            "drops out of OP",
+            "falls out of OP",
+            "fell out of OP",
+            "drops to SAFEOP",
+            "falls back to SAFEOP",
+            "fell back to SAFEOP",
+        ],
+        &causes::LEFT_OP,
+    ),
+    introduction(&["not in OP", "never reaches OP"], &causes::NOT_ALL_IN_STATE),
     line(
         &[
             "timeout waiting for state",

@@ -179,6 +179,9 @@ const ANSWERS: &[(&str, &str)] = &[
     ("lcec.0.pll-err 250000", "reference clock"),
     ("RecvPD: WKC error group 0: expected 9, act 6", "working counter"),
     ("enp2s0: Link is Down", "host's own port"),
+    ("the drive loses OP after two hours", "A device left OP by itself"),
+    ("slave 0.1 not in OP", "At least one device did not reach the state"),
+    ("lcec: slave 0.1 not in OP", "At least one device did not reach the state"),
     // Our own reports.
     (
         "PREOP to SAFEOP failed! Error: 'check device state for SAFEOP'. AL Status '0x0012' read \

@@ -66,7 +66,8 @@ class Try:
         what, self.kinds, names = fault
         self.what, self.axis = what or "healthy", axis
         if axis == 1 and what.split(" ")[0] in ("pull", "break"):
-            self.kinds, names = ["nothing-came-back"], False
+            # Who waits long for each answer loses few frames in that time.
+            self.kinds, names = ["nothing-came-back", "frames-lost"], False
         if names:
             # Where nothing but process data is exchanged, working counters are all that a capture has.
             self.kinds = [*self.kinds, "working-counter"]

@@ -119,8 +119,8 @@ fn lacking(rulings: &[Held], names: &Names, observer: &Observer) -> Option<Strin
     let states = place.map(|place| &observer.devices.list[place].states);
     let below =
         states.and_then(|states| states.last_seen()).filter(|_| unchecked.rule == "operates");
-    Some(match name {
-        Some(name) if let Some((status, _)) = below => {
+    Some(match (name, below) {
+        (Some(name), Some((status, _))) => {
             let op = |asked: &Asked| asked.control.state() == Ok(AlState::Op);
             let requests = states.map(|states| &states.requests.kept).into_iter().flatten();
             let asked = match requests.into_iter().any(op) {
@@ -129,8 +129,8 @@ fn lacking(rulings: &[Held], names: &Names, observer: &Observer) -> Option<Strin
             };
             format!("{name} in OP: it was in {status} at last{asked}")
         }
-        Some(name) => format!("{} of {name}", unchecked.needs),
-        None => unchecked.needs.to_owned(),
+        (Some(name), None) => format!("{} of {name}", unchecked.needs),
+        (None, _) => unchecked.needs.to_owned(),
     })
 }
 

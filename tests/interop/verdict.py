@@ -22,7 +22,8 @@ PATIENCE = {"kickcat": 0.010, "pysoem": 0.020, "ethercrab": 0.200}
 DATA = re.compile(r"torn [1-9]|0x[0-9A-F]{4}:[0-9A-F]{2} is|0x[0-9A-F]{4}:[0-9A-F]{2}: .*, not |\bbytes\b.*, not |length of|exit code")
 STATE = re.compile(r"^not in |^not all in OP|wait_for_state|state transition", re.IGNORECASE)
 RHYTHM = re.compile(r"\d+ cycles, \d+ with a wrong working counter")
-FRAME = re.compile(r"time-?d? ?-?out|took too long|no frame|WkcError|working counter", re.IGNORECASE)
+# What KickCAT says of a frame that did not come back in time says what it was doing: "error while checking mailboxes".
+FRAME = re.compile(r"time-?d? ?-?out|took too long|no frame|WkcError|working counter|(Bus|CoE)\.cc:\d+: (init )?error while ", re.IGNORECASE)
 
 
 def kind(what):

@@ -26,6 +26,7 @@ class Kinds(unittest.TestCase):
             ("not all in OP after 10 s", "state"),
             ("RuntimeError: Timeout", "frame"),
             ("took too long", "frame"),
+            ("RuntimeError: CoE.cc:13: error while checking mailboxes", "frame"),
             ("A: 0x1C32:05: timeout: PDU [exit]", "frame"),
             ("SubDevices: 3, not 4", "other"),
             ("isocat serve ended with 101", "other"),

@@ -92,8 +92,7 @@ impl Device {
         [offset.map(|known| known.value.cast_signed()), delay.map(|known| known.value.into())]
     }
 
-    /// Writes `data` to its registers from `first` on.
-    /// `led`: time since the last drift frame.
+    /// Writes `data` to its registers from `first` on; `led`: time since the last drift frame.
     pub fn write(
         &mut self,
         first: u16,

@@ -466,8 +466,8 @@ mod tests {
         assert_eq!((follows(wide, far, SETTLED), follows(0, far, SETTLED)), (false, true));
     }
 
-    /// Times of different frames are none, nor are those of a ring, where the last device has a
-    /// link to somebody who is no device.
+    /// Receive times of different frames give no way. Neither do those of a ring, whose last device
+    /// has a link to the MainDevice.
     #[test]
     fn only_times_of_one_frame_on_a_line_give_ways() {
         let error = |change: &dyn Fn(&mut Device)| {

@@ -112,7 +112,7 @@ kinds! {
     ClockFar { ahead_ns: i64 } "clock-far" Fault;
     /// The propagation delay that was written is not what the receive times say.
     OtherDelay { written_ns: u32, measured_ns: i64 } "other-delay" Fault;
-    /// Offset or delay of a clock were changed while SYNC0 ran, which was not set up anew.
+    /// The offset or the delay of a clock was changed while SYNC0 ran and was not set up again.
     ClockSetEarly { address: u16, by_ns: i64 } "clock-set-early" Fault;
     /// The device was asked for OP and refused it, and no process data came meanwhile.
     OpWithoutData { status: AlStatus, code: Option<AlStatusCode>, for_ns: u64 } "op-without-data" Fault;
@@ -184,7 +184,7 @@ kinds! {
     SdoAborted { object: ObjectAddress, code: AbortCode, written: bool, count: u64 } "sdo-aborted" Warning;
     /// No answer to a mailbox request was seen.
     MailboxSilent { object: ObjectAddress, count: u64 } "mailbox-silent" Warning;
-    /// A mailbox request was sent while the device was in INIT, and had no answer in time.
+    /// A mailbox request was sent after INIT had been read, and had no answer in time.
     MailboxEarly { object: ObjectAddress, count: u64 } "mailbox-early" Warning;
     /// The device refused a mailbox message.
     MailboxError { detail: ErrorDetail, count: u64 } "mailbox-error" Warning;

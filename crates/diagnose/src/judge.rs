@@ -58,7 +58,7 @@ pub(crate) fn findings(observer: &Observer, tap: Tap, rulings: &[Held]) -> Vec<F
 /// Sorts a device before the effects it caused. When a device leaves OP or is gone, working
 /// counters fall and frames are lost at once, but the frame that shows the device itself comes some
 /// cycles later. Frames are also lost while a device restarts, whose share of the working counters
-/// is missing from then on.
+/// is missing from then on. `first`: the device at the first position.
 fn consequences(first: Option<usize>, all: &mut [Finding]) {
     let frames = |is: fn(&Kind) -> bool| -> Vec<usize> {
         all.iter().filter(|finding| is(&finding.kind)).map(|finding| finding.frame).collect()
@@ -73,16 +73,16 @@ fn consequences(first: Option<usize>, all: &mut [Finding]) {
         let effects = match finding.kind {
             // Where the first device is gone, nothing comes back, and that is the cause.
             Kind::DevicesVanished { to: 1.., .. } if finding.device != first => {
-                [&lost[..], &fell[..], &none[..]]
+                vec![&lost, &fell, &none]
             }
             Kind::LeftOp { .. } | Kind::DevicesVanished { .. } | Kind::DeviceSilent {} => {
-                [&lost[..], &fell[..], &[]]
+                vec![&lost, &fell]
             }
-            Kind::WorkingCounter { .. } => [&lost[..], &[], &[]],
+            Kind::WorkingCounter { .. } => vec![&lost],
             // Copying came too late before the first frame lay on the other side.
-            Kind::SyncPassed { .. } => [&fell[..], &[], &[]],
+            Kind::SyncPassed { .. } => vec![&fell],
             // Its state was read for the first time since OP was requested.
-            Kind::AlError { .. } => [&unnamed[..], &[], &[]],
+            Kind::AlError { .. } => vec![&unnamed],
             _ => continue,
         };
         // The last frame in which the device was in order is one of the further frames.
@@ -120,12 +120,11 @@ fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Find
         } else if seen.error() {
             let later = &changes[at + 1..];
             let came_up = later.iter().any(|later| Some(later.status.0) == asked.map(|s| s as u16));
-            Some(
-                match without_data(seen, device, observer).filter(|_| asked == Some(AlState::Op)) {
-                    Some(for_ns) if !came_up => Kind::OpWithoutData { status, code, for_ns },
-                    _ => Kind::AlError { asked, status, code, came_up },
-                },
-            )
+            let refuses_op = asked == Some(AlState::Op) && !came_up;
+            Some(match without_data(seen, device, observer).filter(|_| refuses_op) {
+                Some(for_ns) => Kind::OpWithoutData { status, code, for_ns },
+                None => Kind::AlError { asked, status, code, came_up },
+            })
         } else {
             None
         };

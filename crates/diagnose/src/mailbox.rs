@@ -69,7 +69,7 @@ struct Pending {
     bytes: Vec<u8>,
     frame: usize,
     at: Duration,
-    /// The device was in INIT when it was sent.
+    /// INIT was the state that had been read last when it was sent.
     in_init: bool,
     /// How often the MainDevice looked for the answer, and when it did so last.
     looks: u64,
@@ -99,7 +99,7 @@ pub(crate) struct Mailbox {
     pub emergencies: Log<Emergency>,
     /// SDO requests that were followed by another one before an answer was seen.
     pub unanswered: Log<Known<ObjectAddress>>,
-    /// SDO requests that were sent in INIT, and had no answer or a late one.
+    /// SDO requests that were sent after INIT had been read, and had no answer or a late one.
     pub early: Log<Known<ObjectAddress>>,
     /// The answer that took longest.
     pub slowest: Option<Taken>,
@@ -387,13 +387,13 @@ fn fits(data: &[u8]) -> bool {
 const LATE: Duration = Duration::from_millis(100);
 /// How long, and how often at least, a MainDevice looks for an answer that does not come.
 const STALLED: Duration = Duration::from_secs(1);
+const LOOKS: u64 = 8;
 /// Time without a look at the end, or with looks in all, after which none is to come: storing
 /// parameters takes some seconds.
 const GIVEN_UP: Duration = Duration::from_millis(500);
 const PATIENT: Duration = Duration::from_secs(10);
 /// From the first register of a SyncManager to its status.
 const STATUS: u16 = 5;
-const LOOKS: u64 = 8;
 /// Bytes of an entry that are kept.
 const MOST_BYTES: usize = 64;
 /// Entries of one device that are kept.

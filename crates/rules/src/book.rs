@@ -152,7 +152,7 @@ pub const RULES: &[Rule] = &[
     },
     Rule {
         name: "taken",
-        claims: "the program takes its answers always before it sends the next frame, or always behind",
+        claims: "the program takes its answers always before it sends the next frame, or always after",
         needs: "the sockets of the program",
         finds: "answers-untaken",
         check: rules::frames::taken,

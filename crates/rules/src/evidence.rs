@@ -19,9 +19,9 @@ pub struct Evidence {
     pub slide: Option<Slide>,
     /// Senders of frames that took turns, with the number of frames of each.
     pub talkers: Option<Vec<u64>>,
-    /// Frames that left though the answer to the last one of their kind had come and the program
-    /// had not taken it, and all frames of these kinds; `None` also where no program's sockets can
-    /// be seen.
+    /// Number of frames that left before the program took the answer to the last one of their kind,
+    /// though it had come; and number of all such frames. `None` also where the program's sockets
+    /// can't be seen.
     pub untaken: Option<[u64; 2]>,
     /// By position.
     pub devices: Vec<DeviceEvidence>,

@@ -82,8 +82,9 @@ pub struct CycleConduct {
     pub drift_gap: Picos,
     /// Number of drift datagrams in this exchange.
     pub drift: u64,
-    /// Number of frames that left though the answer to the last one of their kind had come and was
-    /// not taken, and of all of these kinds; `None`: nobody sees the program's sockets.
+    /// Number of frames that left before the program took the answer to the last one of their kind,
+    /// though it had come; and number of all such frames. `None`: the program's sockets can't be
+    /// seen.
     pub untaken: Option<[u64; 2]>,
 }
 

@@ -205,11 +205,14 @@ fn lost(observer: &Observer, all: &mut Vec<Finding>) {
     let Some((first, at)) = frames.first().copied() else { return };
     let logs = observer.cycle.logical.iter().map(|logical| &logical.lost);
     let left_off = logs.chain([&observer.drift_lost]).any(|log| log.left_off() > 0);
-    let kept_all = (outages.len() as u64) == observer.cycle.outage_times || outages.is_empty();
-    let count = match has_outages(observer) {
-        true if left_off || !kept_all => single(observer),
-        false if left_off => single(observer) + observer.cycle.outage_frames,
-        _ => frames.len() as u64,
+    // Where they are no outages, frames in a row are lost one by one, too.
+    let (times, in_row) = match has_outages(observer) {
+        true => (observer.cycle.outage_times, 0),
+        false => (0, observer.cycle.outage_frames),
+    };
+    let count = match left_off || outages.len() as u64 != times {
+        true => single(observer) + in_row,
+        false => frames.len() as u64,
     };
     if count == 0 {
         return;

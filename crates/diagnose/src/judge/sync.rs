@@ -239,9 +239,9 @@ fn clock_set(place: usize, device: &Device, observer: &Observer, all: &mut Vec<F
     all.push(finding.with(set.map(|more| more.frame).take(MOST_FRAMES)));
 }
 
-/// A clock that was set anew on a second way up, while it was led and SYNC0 ran from the first one
-/// and stayed as it was: SYNC0 has moved with it. What the reference was set by is no difference
-/// between devices.
+/// Finds a clock that was set on a second way up while drift frames led it and SYNC0 still ran from
+/// the first one: SYNC0 moved with the clock. A change that the reference has too moves all devices
+/// alike, and is no finding.
 fn clock_set_early(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let Some(last) = device.sync.last.filter(|last| last.makes_sync0()) else { return };
     let changes = |of: usize| {

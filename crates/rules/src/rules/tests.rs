@@ -115,9 +115,9 @@ fn without_evidence_nothing_is_checked_and_each_claim_says_so() {
     assert_eq!((ruling.breached, ruling.checked), (vec![], 0));
     let rules: std::collections::BTreeSet<_> =
         ruling.unchecked.iter().map(|one| one.rule).collect();
-    // Without a SYNC0 that is known to run, its start, the clocks, and the phase and time of the
-    // frames are no claims, nor is an interpolation time that nobody wrote, nor what no program's
-    // sockets show.
+    // Some rules claim nothing here: those about SYNC0, its clocks and the phase and time of frames
+    // need a SYNC0 that is known to run, the one about interpolation a time that was written, and
+    // the one about answers a program whose sockets can be seen.
     let all = crate::book::RULES.iter().map(|rule| rule.name);
     let expected = all.filter(|name| {
         let no_claims = ["starts", "clock-kept", "steady", "taken", "time", "interpolation"];
